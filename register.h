@@ -112,6 +112,7 @@
  * reg_loads    what a match leaves open: the few loads on the surface, and the pose, that give the organ its shape.
  * reg_model    an organ as an inference knows it: mesh, surface, what holds it.
  * reg_infer    pose and shape from whatever part is seen, by loads that nobody knows, with the error to expect.
+ * reg_track    follows an organ that moves, scan by scan, in milliseconds.
  * reg_nicp     non-rigid ICP: an sb_body drawn to pairs of points, also by what a camera sees.
  *
  * LICENCE
@@ -260,6 +261,15 @@
 #define reg_infer_get_quality reg_infer_get_quality_f32
 #define reg_prior_string reg_prior_string_f32
 #define reg_infer_stop_string reg_infer_stop_string_f32
+#define reg_default_track_def reg_default_track_def_f32
+#define reg_track_create reg_track_create_f32
+#define reg_track_destroy reg_track_destroy_f32
+#define reg_track_restart reg_track_restart_f32
+#define reg_track_set_target reg_track_set_target_f32
+#define reg_track_step reg_track_step_f32
+#define reg_track_displacements reg_track_displacements_f32
+#define reg_track_covariances reg_track_covariances_f32
+#define reg_track_state_string reg_track_state_string_f32
 #endif
 #endif
 
@@ -1464,6 +1474,119 @@ REG_API const char *reg_prior_string(reg_prior_kind prior);
 REG_API const char *reg_infer_stop_string(reg_infer_stop stop);
 
 #endif /* REG_INFER_H */
+
+/* ==== src/register/track.h ==== */
+/* track: follows an organ that moves, scan by scan. Floor 6.
+ *
+ *     reg_track_def def = reg_default_track_def();
+ *     def.model = model;
+ *     def.start = infer;                                  (of the first scan; or def.pose)
+ *     reg_track_create(&def, &track, &error);
+ *     every frame:
+ *         reg_track_set_target(track, &points, &error);   (the scan of now; none where it dropped out)
+ *         reg_track_step(track, dt, &info);
+ *         reg_track_displacements(track, displacements);
+ *     reg_track_destroy(track);
+ *
+ * Where an inference (infer.h) takes part of a second to find an organ of which nothing is known, a tracker takes
+ * milliseconds to follow one that is known. Its state is a pose and the amounts of `modes` shapes, those that carry
+ * most of what tractions drawn from the prior do to the organ; all is Gaussian. Between scans the pose wanders, and the
+ * amounts go back to the start as a process of Ornstein and Uhlenbeck does, so that errors to expect grow in a
+ * drop-out, but not beyond what loads may do. A scan brings gaps between the surface and the points, as rows of the
+ * state; places on the surface are looked for twice. Each target counts in one step. What a coarse surface is off by
+ * does not average out over frames: so the change since the last frame is drawn from a prior whose scale evidence
+ * chooses, and the error to expect is what this frame alone leaves open. (A Kalman filter that takes such errors for
+ * noise grows sure of them, and drifts.) Three targets on end that agree with nothing that was expected (gaps too
+ * large, or far fewer points than lately to be believed) are a jump: all is open again about where the organ was, and
+ * the next frames search wider.
+ *
+ * The shapes are linear about the start. Strains of a tenth, or parts that turn by 20 degrees against each other, are
+ * beyond that: restart about where the organ is then (reg_track_restart).
+ *
+ * Sources: MacKay 1992 for evidence; Halko et al. 2011 for the search of shapes. */
+#ifndef REG_TRACK_H
+#define REG_TRACK_H
+
+
+/* What is asked. Start from reg_default_track_def(), set model. */
+typedef struct reg_track_def {
+    reg_model *model;       /* borrowed; it must outlive the tracker. Steps leave it alone, so that an inference may use
+                             * it meanwhile; creation and restarts use it as an inference does */
+    const reg_infer *start; /* of this model: where the organ is and what shape it has, read during the call; or NULL */
+    reg_rigid pose;         /* for start NULL: the organ is at rest there; default: none but the model's own */
+    sb_real pose_sd;        /* m: what the place of the organ's middle may be off at the start; default 0: what `start`
+                             * says, or 0.02 of the size */
+    sb_real pose_turn;      /* rad, in [0, 10]: and its turn; default 0: what `start` says, or 0.05 */
+    int modes;              /* shapes, [1, 96]; default 48 */
+    int patches;            /* of the surface, whose points count as one datum each, [30, 1000]; default 300 */
+    int most_points;        /* of a target, [1, 10000000]; default 2000 */
+    sb_real motion;         /* m: root mean square motion of the nodes by loads to expect, beside the pose; default 0:
+                             * 0.03 of the size */
+    sb_real memory;         /* s, > 0: in that amounts go back towards the start; default 1 */
+    sb_real wander;         /* m: deviation of the middle after a second, per axis; default 0: 0.04 of the size */
+    sb_real turn;           /* rad, in [0, 10]: and of the turn; default 0: 0.15 */
+    sb_real misfit;         /* m: of what does not average out, as facets; default 0: what `start` found, or what the
+                             * model's nodes let expect */
+    double lost_after;      /* s, > 0: without a target for longer the organ is lost; default 0.5 */
+    sb_clock clock;         /* default NULL: times read 0 */
+    unsigned cookie;        /* set by reg_default_track_def */
+} reg_track_def;
+REG_API reg_track_def reg_default_track_def(void);
+
+typedef struct reg_track reg_track;
+
+/* Makes a tracker; all memory is taken here, from the model's allocator. Takes the time of a round of an inference.
+ * SB_ERROR_ARGUMENT (a field, named), SB_ERROR_INVERTED, SB_ERROR_INDEFINITE, SB_ERROR_MEMORY: *track is then
+ * untouched. Deterministic, as steps are; the same bits for any number of threads. */
+REG_API sb_result reg_track_create(const reg_track_def *def, reg_track **track, sb_error *error);
+REG_API void reg_track_destroy(reg_track *track); /* NULL is fine; the model stays */
+
+/* Begins anew about an inference's answer, or, `start` NULL, about where the organ is now: shapes are linear about
+ * that, what was known of the amounts is forgotten, and the pose is as sure as at a start. For after it was lost, and
+ * for large deformations. Allocates nothing; takes as long as the creation. The errors of reg_track_create: nothing
+ * has changed then. A target that waits stays. */
+REG_API sb_result reg_track_restart(reg_track *track, const reg_infer *start, sb_error *error);
+
+/* What is seen now, for the next step; replaces a target that waits. Copied. A surface is refused. SB_ERROR_ARGUMENT,
+ * also for more than def.most_points, and SB_ERROR_NOT_FINITE (error->node: the point): nothing has changed. */
+REG_API sb_result reg_track_set_target(reg_track *track, const reg_points *target, sb_error *error);
+
+typedef enum reg_track_state {
+    REG_TRACK_FOLLOWS = 0,  /* the target was taken in */
+    REG_TRACK_PREDICTS = 1, /* there was none, or no point of it had an allowed place: the organ is where it was */
+    REG_TRACK_JUMPED = 2,   /* three targets in a row agreed with nothing that was expected: all is open again */
+    REG_TRACK_LOST = 3      /* no target for longer than def.lost_after: restart, from reg_icp's or another pose */
+} reg_track_state;
+
+typedef struct reg_track_info {
+    reg_track_state state;
+    double time;        /* s: sum of all steps */
+    double blind;       /* s since the last target that was taken in */
+    sb_real seen;       /* share of the surface with points that are believed, this frame */
+    sb_real used;       /* share of the target's weight that was believed */
+    sb_real noise;      /* m: standard deviation of the points across the surface, estimated */
+    sb_real residual;   /* m: mean distance of the points believed from the surface, before the last correction */
+    sb_real innovation; /* squared gaps over what was expected of them, mean: about 1 or less */
+    sb_real expected;   /* m: root mean square error to expect, over the nodes */
+    double seconds;     /* with a clock */
+    sb_error error;     /* of a step that failed */
+} reg_track_info;
+
+/* Goes on by dt (s, > 0), and takes in the target that waits, if there is one. Allocates nothing. info may be NULL.
+ * SB_ERROR_ARGUMENT, SB_ERROR_INDEFINITE, SB_ERROR_NOT_FINITE: nothing has changed but that the target is gone. */
+REG_API sb_result reg_track_step(reg_track *track, double dt, reg_track_info *info);
+
+/* ---- where it is: SB_ERROR_ARGUMENT for NULL -------------------------------------------------------------------- */
+
+/* displacements[nodes] (m) of the model's nodes from rest to where they are in the target's frame. */
+REG_API sb_result reg_track_displacements(const reg_track *track, sb_vec3 *displacements);
+/* covariances[nodes] (m^2) of that, in the target's frame. Some (modes + 6)^2 multiply-adds a node: for a look now and
+ * then, not for each frame. */
+REG_API sb_result reg_track_covariances(const reg_track *track, sb_mat3 *covariances);
+/* "follows", "predicts", "jumped", "lost". */
+REG_API const char *reg_track_state_string(reg_track_state state);
+
+#endif /* REG_TRACK_H */
 
 #endif /* REGISTER_H */
 
@@ -10395,6 +10518,58 @@ REG_API sb_result reg_loads_run(const reg_loads_def *def, sb_vec3 *forces, reg_l
     return result;
 }
 
+/* ==== src/register/chance.h ==== */
+/* chance: normal numbers, the same everywhere. Floor 6, internal. */
+#ifndef REGI_CHANCE_H
+#define REGI_CHANCE_H
+
+
+/* State of a generator: {a seed but 0, 0, 0}. */
+typedef struct regi_chance {
+    uint64_t state;
+    double spare;
+    int has_spare;
+} regi_chance;
+
+/* The next number of mean 0 and deviation 1. */
+REGI_API double regi_chance_normal(regi_chance *chance);
+
+#endif /* REGI_CHANCE_H */
+
+/* ==== src/register/chance.c ==== */
+/* chance: see chance.h. */
+
+#include <math.h>
+
+
+/* In (-1, 1): xorshift64*. */
+static double regi_chance_uniform(regi_chance *chance)
+{
+    chance->state ^= chance->state >> 12;
+    chance->state ^= chance->state << 25;
+    chance->state ^= chance->state >> 27;
+    return (double)((chance->state * 2685821657736338717u) >> 11) / 4503599627370496.0 - 1;
+}
+
+/* By Marsaglia's polar method. */
+REGI_API double regi_chance_normal(regi_chance *chance)
+{
+    double u, v, square;
+    if (chance->has_spare) {
+        chance->has_spare = 0;
+        return chance->spare;
+    }
+    do {
+        u = regi_chance_uniform(chance);
+        v = regi_chance_uniform(chance);
+        square = u * u + v * v;
+    } while (!(square > 0) || square >= 1);
+    square = sqrt(-2 * sbi_dense_log(square) / square);
+    chance->spare = v * square;
+    chance->has_spare = 1;
+    return u * square;
+}
+
 /* ==== src/register/gauss.h ==== */
 /* gauss: the linear Gaussian model behind an inference: data that loads and a pose explain. Floor 6, internal.
  *
@@ -10478,6 +10653,8 @@ REGI_API double regi_gauss_evidence(const regi_gauss *gauss, double scale);
 REGI_API double regi_gauss_best_scale(const regi_gauss *gauss, double *evidence);
 
 /* ---- dense helpers ---- */
+/* Upper triangle of upper[n][stride] += rows^T rows of rows[count][stride]. */
+REGI_API void regi_gauss_add_squares(double *upper, int n, const double *rows, int count, size_t stride);
 /* Upper a[n][stride] = U^T U in place, rows below the diagonal untouched. Returns 0 at a pivot that is not positive. */
 REGI_API int regi_gauss_cholesky(double *a, int n, size_t stride);
 /* r[n] <- U^-1 U^-T r */
@@ -10565,8 +10742,7 @@ static void regi_gauss_add_four(double *SB_RESTRICT to, const double f[4], const
         to[i] += f[0] * a[i] + f[1] * b[i] + f[2] * c[i] + f[3] * d[i];
 }
 
-/* upper += rows^T rows of rows[count][stride]. */
-static void regi_gauss_add_squares(double *upper, int n, const double *rows, int count, size_t stride)
+REGI_API void regi_gauss_add_squares(double *upper, int n, const double *rows, int count, size_t stride)
 {
     int k = 0;
     for (; k + 4 <= count; k += 4)
@@ -11402,33 +11578,129 @@ REG_API void reg_model_destroy(reg_model *model)
 
 REG_API int reg_model_node_count(const reg_model *model) { return model ? model->mesh.node_count : 0; }
 
-/* ==== src/register/infer_private.h ==== */
-/* infer_private: what is inside a reg_infer. Floor 6, internal: infer_rows.c looks at the target, infer_prior.c chooses
- * the prior, infer_round.c moves the organ, infer_draws.c says how sure that is, infer.c makes it all. */
-#ifndef REG_INFER_PRIVATE_H
-#define REG_INFER_PRIVATE_H
+/* ==== src/register/response.h ==== */
+/* response: how an organ answers to forces where it is now, linearly. Floor 6, internal. */
+#ifndef REGI_RESPONSE_H
+#define REGI_RESPONSE_H
 
 
 enum {
-    REGI_INFER_POSE = 6,    /* moves along the axes and turns about them; a seventh column of the pose is an offset of
-                             * all points across the surface: of a scan, of a segmentation, or of facets, which bulge
-                             * less than what they stand for. Without it they would be the work of a pressure */
-    REGI_INFER_MODES = 6,   /* rigid motions */
-    REGI_INFER_WEIGHT = 3,  /* columns of the weight */
-    REGI_INFER_REGIONS = 40 /* of unknown stiffness */
+    REGI_RESPONSE_MODES = 6, /* rigid motions */
+    REGI_RESPONSE_GROUP =
+        8 * SBI_FRONT_GROUP /* rows that are worth solving at once: the factor is read once for them */
 };
 
-/* What the prior of the loads is like. */
-typedef struct regi_infer_choice {
-    double gravity;  /* sd of the weight, in shares of scale times area */
-    double misfit;   /* m */
-    double scale;    /* Pa */
-    double evidence; /* log */
-    int is_local;    /* local[] of the inference counts */
-} regi_infer_choice;
+typedef struct regi_response {
+    reg_model *model;
+    sb_direct *direct;
+    sb_vec3 centre;          /* m: turns of the pose are about it; set by the owner */
+    sb_vec3 *residual;       /* [nodes] internal forces of the shape that was factored (N) */
+    sb_vec3 *weighted_modes; /* [MODES][nodes] rigid motions times shares of the mass, of nothing-held organs, */
+    sb_vec3 *drift;          /* [MODES][nodes] and what these as forces do */
+    double drift_system[REGI_RESPONSE_MODES * REGI_RESPONSE_MODES]; /* their products, factored */
+} regi_response;
+
+/* Takes its arrays from an arena. */
+REGI_API void regi_response_layout(regi_response *response, int node_count, sbi_arena *arena);
+/* Factor and residual of the shape of now. The factor's errors. */
+REGI_API sb_result regi_response_factor(regi_response *response, sb_error *error);
+/* Motions of `count` rows of forces, row[count][nodes], in place: none of what is held, and
+ * none of the whole, which is the pose's. */
+REGI_API void regi_response_solve(regi_response *response, sb_vec3 *row, int count);
+
+#endif /* REGI_RESPONSE_H */
+
+/* ==== src/register/response.c ==== */
+/* response: see response.h. */
+
+#include <string.h>
+
+
+REGI_API void regi_response_layout(regi_response *r, int node_count, sbi_arena *arena)
+{
+    size_t n = (size_t)node_count;
+    r->residual = (sb_vec3 *)sbi_arena_take(arena, n, sizeof(sb_vec3));
+    r->weighted_modes = (sb_vec3 *)sbi_arena_take(arena, n, REGI_RESPONSE_MODES * sizeof(sb_vec3));
+    r->drift = (sb_vec3 *)sbi_arena_take(arena, n, REGI_RESPONSE_MODES * sizeof(sb_vec3));
+}
+
+/* What is held does not move but with the pose. */
+static void regi_response_hold(const regi_response *r, sb_vec3 *row)
+{
+    const unsigned char *held = sb_body_supports(r->model->body);
+    for (int i = 0; i < r->model->mesh.node_count; i++)
+        row[i] = sbi_body_pick_axes(held[i], sb_v3(0, 0, 0), row[i]);
+}
+
+/* Takes the motion as a whole, by shares of the mass, out of u[nodes], by forces on the modes. */
+static void regi_response_stop_drift(const regi_response *r, sb_vec3 *u)
+{
+    size_t n = (size_t)r->model->mesh.node_count;
+    double c[REGI_RESPONSE_MODES];
+    for (int k = 0; k < REGI_RESPONSE_MODES; k++) {
+        c[k] = 0;
+        for (size_t i = 0; i < n; i++)
+            c[k] += (double)sb_v3_dot(r->weighted_modes[(size_t)k * n + i], u[i]);
+    }
+    regi_gauss_substitute(r->drift_system, REGI_RESPONSE_MODES, REGI_RESPONSE_MODES, c);
+    for (int k = 0; k < REGI_RESPONSE_MODES; k++)
+        for (size_t i = 0; i < n; i++)
+            u[i] = sb_v3_madd(u[i], (sb_real)-c[k], r->drift[(size_t)k * n + i]);
+}
+
+REGI_API void regi_response_solve(regi_response *r, sb_vec3 *row, int count)
+{
+    for (int s = 0; s < count; s++)
+        regi_response_hold(r, row + (size_t)s * (size_t)r->model->mesh.node_count);
+    (void)sb_direct_solve(r->direct, &row[0].x, &row[0].x, count);
+    for (int s = 0; s < count && !r->model->held; s++)
+        regi_response_stop_drift(r, row + (size_t)s * (size_t)r->model->mesh.node_count);
+}
+
+/* The modes about where the organ is, and their system. 0: it is not positive. */
+static int regi_response_find_drift(regi_response *r)
+{
+    const sb_vec3 *x = sb_body_positions(r->model->body);
+    size_t n = (size_t)r->model->mesh.node_count;
+    for (int k = 0; k < REGI_RESPONSE_MODES; k++) {
+        sb_vec3 axis = sb_v3(k % 3 == 0, k % 3 == 1, k % 3 == 2);
+        for (size_t i = 0; i < n; i++) {
+            sb_vec3 turned = sb_v3_scale(1 / r->model->size, sb_v3_cross(axis, sb_v3_sub(x[i], r->centre)));
+            r->weighted_modes[(size_t)k * n + i] = sb_v3_scale(r->model->prior.weight[i], k < 3 ? axis : turned);
+        }
+    }
+    memcpy(r->drift, r->weighted_modes, REGI_RESPONSE_MODES * n * sizeof *r->drift);
+    for (int k = 0; k < REGI_RESPONSE_MODES; k++)
+        (void)sb_direct_solve(r->direct, &r->drift[(size_t)k * n].x, &r->drift[(size_t)k * n].x, 1);
+    for (int k = 0; k < REGI_RESPONSE_MODES; k++)
+        for (int l = 0; l < REGI_RESPONSE_MODES; l++) {
+            double sum = 0;
+            for (size_t i = 0; i < n; i++)
+                sum += (double)sb_v3_dot(r->weighted_modes[(size_t)k * n + i], r->drift[(size_t)l * n + i]);
+            r->drift_system[k * REGI_RESPONSE_MODES + l] = sum;
+        }
+    return regi_gauss_cholesky(r->drift_system, REGI_RESPONSE_MODES, REGI_RESPONSE_MODES);
+}
+
+REGI_API sb_result regi_response_factor(regi_response *r, sb_error *error)
+{
+    /* what holds nothing-held organs acts on increments only, and balanced loads do not notice */
+    sb_real hold = (sb_real)(r->model->held ? 1e-4 : 1e-2) * REGI_MODEL_YOUNG * r->model->size;
+    sb_result result = sbi_body_factor(r->model->body, hold, r->residual, r->direct, error);
+    if (result == SB_OK && !r->model->held && !regi_response_find_drift(r))
+        result = sbi_fail(error, SB_ERROR_INDEFINITE, "the organ's stiffness is not positive");
+    return result;
+}
+
+/* ==== src/register/look.h ==== */
+/* look: what is seen of an organ: points, their places of the model where it is now, and how far they are trusted.
+ * Floor 6, internal. */
+#ifndef REGI_LOOK_H
+#define REGI_LOOK_H
+
 
 /* A point of the target and its place of the model. */
-typedef struct regi_infer_point {
+typedef struct regi_look_point {
     sb_vec3 at, normal; /* m; unit, or 0 */
     sb_real weight;     /* trust given */
     sb_real sd;         /* m given, or 0 */
@@ -11441,63 +11713,293 @@ typedef struct regi_infer_point {
     sb_real gap;          /* plane . (at - place) (m) */
     sb_real trust;        /* weight, less for outliers; 0: not allowed */
     sb_real share;        /* of its patch's row */
-} regi_infer_point;
+} regi_look_point;
+
+/* Points of patches: point i of patch s has patch_start[s] <= i < patch_start[s + 1]. */
+typedef struct regi_look {
+    const sb_surface *tree; /* of the model's skin where it is */
+    sb_real size;           /* m, of the organ */
+    int has_camera;         /* 1: seen from `camera` (m) */
+    sb_vec3 camera;
+    regi_look_point *points; /* [point_count] by patch */
+    int *patch_start;        /* [patch_count + 1] into points */
+    sb_real *sort;           /* [the larger of both counts] scratch */
+    sb_real noise;           /* m: of the points */
+    int point_count, patch_count;
+} regi_look;
+
+/* A point with nothing known of its place; the normal may have any length. */
+REGI_API void regi_look_take(regi_look_point *point, sb_vec3 at, sb_vec3 normal, sb_real weight, sb_real sd);
+/* Finds a point's place. */
+REGI_API void regi_look_place(const regi_look *look, regi_look_point *point);
+/* Estimates the noise of the points, which have places, and trusts less what is far off: in all the target, by a limit
+ * of at least `early` (m), and of so many medians of the gaps; and in its patch. */
+REGI_API void regi_look_judge(regi_look *look, sb_real early, sb_real medians);
+/* Shares of a patch's points in its row. Returns the variance (m^2) of their mean. */
+REGI_API double regi_look_share_patch(regi_look *look, int patch);
+/* Share of its given weight that a patch keeps. */
+REGI_API sb_real regi_look_patch_trust(const regi_look *look, int patch);
+/* The least trust with which a patch counts. */
+REGI_API sb_real regi_look_least_trust(regi_look *look);
+/* What share of the given weight is believed, and the mean and 95th percentile of the gaps (m) of what is. */
+REGI_API void regi_look_measure(regi_look *look, sb_real *used, sb_real *residual, sb_real *residual_p95);
+
+#endif /* REGI_LOOK_H */
+
+/* ==== src/register/look.c ==== */
+/* look: see look.h. */
+
+#include <string.h>
+
+
+REGI_API void regi_look_take(regi_look_point *p, sb_vec3 at, sb_vec3 normal, sb_real weight, sb_real sd)
+{
+    memset(p, 0, sizeof *p);
+    p->at = at;
+    p->normal = regi_cloud_unit(normal);
+    p->weight = weight;
+    p->sd = sd;
+    p->triangle = -1;
+}
+
+/* ---- places ---- */
+
+/* 1 when the model's place of a point may be what was seen. */
+static int regi_look_is_allowed(const regi_look *look, const regi_look_point *p)
+{
+    sb_vec3 way = sb_v3_sub(p->at, p->place), view;
+    sb_real most = (sb_real)0.02 * look->size;
+    if (!(p->weight > 0) || sb_v3_dot(p->normal, p->plane) < 0)
+        return 0;
+    if (sb_v3_norm(sb_v3_sub(way, sb_v3_scale(p->gap, p->plane))) > most)
+        return 0;
+    if (!look->has_camera)
+        return 1;
+    view = sb_v3_sub(look->camera, p->place);
+    return sb_v3_dot(view, p->plane) > (sb_real)-0.1 * sb_v3_norm(view);
+}
+
+REGI_API void regi_look_place(const regi_look *look, regi_look_point *p)
+{
+    sb_surface_hit hit;
+    p->trust = 0;
+    p->gap = 0;
+    if (!sb_surface_closest_from(look->tree, p->at, SB_REAL_MAX, p->triangle, &hit)) {
+        p->triangle = -1;
+        return;
+    }
+    p->triangle = hit.triangle;
+    for (int k = 0; k < 3; k++)
+        p->corner[k] = hit.weights[k];
+    p->place = hit.point;
+    p->plane = sb_surface_normal(look->tree, &hit);
+    p->gap = sb_v3_dot(p->plane, sb_v3_sub(p->at, p->place));
+    p->trust = regi_look_is_allowed(look, p) ? p->weight : 0;
+}
+
+/* Median of what is in sort[count]; 0 for none. */
+static sb_real regi_look_median(regi_look *look, int count)
+{
+    return count > 0 ? regi_cloud_select(look->sort, count, (count - 1) / 2) : 0;
+}
+
+/* Median gap of a patch's allowed points. */
+static sb_real regi_look_patch_median(regi_look *look, int patch)
+{
+    int count = 0;
+    for (int i = look->patch_start[patch]; i < look->patch_start[patch + 1]; i++)
+        if (look->points[i].trust > 0)
+            look->sort[count++] = look->points[i].gap;
+    return regi_look_median(look, count);
+}
+
+/* Noise of the points: 1.48 times the median of their deviations from the medians of their patches, which are left in
+ * `off`. A single point has none, so that patches of two or three are counted for what they are worth. */
+static void regi_look_estimate_noise(regi_look *look)
+{
+    int count = 0;
+    for (int s = 0; s < look->patch_count; s++) {
+        sb_real median = regi_look_patch_median(look, s);
+        for (int i = look->patch_start[s]; i < look->patch_start[s + 1]; i++)
+            look->points[i].off = look->points[i].gap - median;
+    }
+    for (int s = 0; s < look->patch_count; s++)
+        for (int i = look->patch_start[s]; i < look->patch_start[s + 1]; i++)
+            if (look->points[i].trust > 0 && look->patch_start[s + 1] - look->patch_start[s] > 1)
+                look->sort[count++] = sb_abs(look->points[i].off);
+    look->noise = (sb_real)1.4826 * regi_look_median(look, count);
+}
+
+/* Less trust in what is far off. */
+static void regi_look_weigh_points(regi_look *look, sb_real early, sb_real medians)
+{
+    int count = 0;
+    sb_real limit;
+    for (int i = 0; i < look->point_count; i++)
+        if (look->points[i].trust > 0)
+            look->sort[count++] = sb_abs(look->points[i].gap);
+    limit = sb_max(early, medians * regi_look_median(look, count) + 3 * look->noise);
+    for (int i = 0; i < look->point_count && limit > 0; i++) {
+        regi_look_point *p = look->points + i;
+        sb_real far = p->gap / limit, off = p->off / sb_max(3 * look->noise, (sb_real)0.3 * limit);
+        p->trust /= (1 + far * far) * (1 + far * far) * (1 + off * off);
+    }
+}
+
+REGI_API void regi_look_judge(regi_look *look, sb_real early, sb_real medians)
+{
+    regi_look_estimate_noise(look);
+    regi_look_weigh_points(look, early, medians);
+}
+
+/* ---- patches ---- */
+
+/* Shares of a patch's points in its row, and the variance of their mean: of noise, of which three neighbours count as
+ * one, and of a share of what the patch is steeper than noise, as at the rim of a dent: that does not average out. */
+REGI_API double regi_look_share_patch(regi_look *look, int patch)
+{
+    const double steep = 0.09;
+    double sum = 0, squares = 0, most = 0, spread = 0;
+    for (int i = look->patch_start[patch]; i < look->patch_start[patch + 1]; i++) {
+        regi_look_point *p = look->points + i;
+        p->share = p->sd > 0 ? p->trust / (p->sd * p->sd) : p->trust;
+        sum += (double)p->share;
+    }
+    for (int i = look->patch_start[patch]; i < look->patch_start[patch + 1]; i++) {
+        regi_look_point *p = look->points + i;
+        double sd = (double)(p->sd > 0 ? p->sd : look->noise);
+        p->share = (sb_real)((double)p->share / sum);
+        squares += (double)p->share * (double)p->share * sd * sd;
+        most += (double)p->share * sd * sd;
+        spread += (double)p->share * ((double)p->off * (double)p->off - sd * sd);
+    }
+    return (3 * squares < most ? 3 * squares : most) + (spread > 0 ? steep * spread : 0);
+}
+
+/* Share of its given weight that a patch keeps. */
+REGI_API sb_real regi_look_patch_trust(const regi_look *look, int patch)
+{
+    double kept = 0, all = 0;
+    for (int i = look->patch_start[patch]; i < look->patch_start[patch + 1]; i++) {
+        kept += (double)look->points[i].trust;
+        all += (double)look->points[i].weight;
+    }
+    return all > 0 ? (sb_real)(kept / all) : 0;
+}
+
+REGI_API sb_real regi_look_least_trust(regi_look *look)
+{
+    int count = 0;
+    for (int s = 0; s < look->patch_count; s++) {
+        sb_real trust = regi_look_patch_trust(look, s);
+        if (trust > 0)
+            look->sort[count++] = trust;
+    }
+    return (sb_real)0.3 * regi_look_median(look, count);
+}
+
+/* ---- fit ---- */
+
+REGI_API void regi_look_measure(regi_look *look, sb_real *used, sb_real *residual, sb_real *residual_p95)
+{
+    double believed = 0, all = 0, sum = 0;
+    int count = 0;
+    for (int i = 0; i < look->point_count; i++) {
+        const regi_look_point *p = look->points + i;
+        int good = p->trust > (sb_real)0.25 * p->weight;
+        all += (double)p->weight;
+        if (!good)
+            continue;
+        believed += (double)p->weight;
+        sum += (double)sb_abs(p->gap);
+        look->sort[count++] = sb_abs(p->gap);
+    }
+    *used = (sb_real)(all > 0 ? believed / all : 0);
+    *residual = (sb_real)(count > 0 ? sum / count : 0);
+    *residual_p95 = count > 0 ? regi_cloud_select(look->sort, count, (int)(0.95 * (count - 1))) : 0;
+}
+
+/* ==== src/register/infer_private.h ==== */
+/* infer_private: what is inside a reg_infer. Floor 6, internal: infer_rows.c looks at the target, infer_prior.c chooses
+ * the prior, infer_round.c moves the organ, infer_draws.c says how sure that is, infer.c makes it all. */
+#ifndef REG_INFER_PRIVATE_H
+#define REG_INFER_PRIVATE_H
+
+
+enum {
+    REGI_INFER_POSE = 6,    /* moves along the axes and turns about them; a seventh column of the pose is an offset of
+                             * all points across the surface: of a scan, of a segmentation, or of facets, which bulge
+                             * less than what they stand for. Without it they would be the work of a pressure */
+    REGI_INFER_WEIGHT = 3,  /* columns of the weight */
+    REGI_INFER_REGIONS = 40 /* of unknown stiffness */
+};
+
+/* Length of the tractions, in shares of the size: about that of tools and hands. Longer ones, which evidence may well
+ * prefer, need so large a scale for what is local that the organ bends by far too much where it is not seen. */
+#define REGI_INFER_LENGTH 0.06
+
+/* What the prior of the loads is like. */
+typedef struct regi_infer_choice {
+    double gravity;  /* sd of the weight, in shares of scale times area */
+    double misfit;   /* m */
+    double scale;    /* Pa */
+    double evidence; /* log */
+    int is_local;    /* local[] of the inference counts */
+} regi_infer_choice;
 
 struct reg_infer {
     sb_allocator allocator;
     const reg_infer_def *def; /* during the run */
     reg_model *model;
-    sb_direct *direct;
+    regi_response response; /* where the organ was before the last round */
+    regi_look look;
     regi_gauss gauss;
     regi_infer_choice choice;
     reg_quality quality;
     void *memory;
-    int node_count, point_count, patch_count, landmark_count;
-    int loads;                /* 3 per control point, then the weight's: 3 c + 3 */
-    double begun;             /* on the clock */
-    regi_infer_point *points; /* [point_count] by patch */
-    int *patch_start;         /* [patch_count + 1] into points */
-    int *patch_of;            /* [count of data] patch, or -1 - component of a landmark */
-    sb_real *sort;            /* [point_count] scratch */
-    sb_real noise;            /* m: of the points */
-    double *averaged;         /* [data] m^2: the part of the variance that averages out */
-    sb_embedding_rows marks;  /* of the landmarks in the mesh */
-    sb_vec3 *mark_seen;       /* [landmark_count] m */
-    sb_real *mark_sd;         /* [landmark_count] m */
-    double *raw;              /* [loads][gauss.most] responses of data, then resultants, to unit tractions and weight */
-    double *root;             /* [c][c] of the present prior */
-    double *extended;         /* [most][most] gram of responses to tractions with their resultants */
-    double *local, *trial_local; /* [c] */
-    double *energy;              /* [c + 6] */
-    double *c;                   /* [loads] found, in the gauss' units */
-    double *draw;                /* [loads] */
-    double *datum;               /* [most] scratch */
-    sb_vec3 *tractions;          /* [c] scratch */
-    sb_vec3 *row;                /* [SBI_FRONT_GROUP][nodes] */
-    sb_vec3 *skin;               /* [skin nodes] where they are (m) */
-    sb_vec3 *residual;           /* [nodes] internal forces of the shape before the last round (N) */
-    sb_vec3 *forces;             /* [nodes] found (N) */
-    sb_vec3 *increment, *trial;  /* [nodes] */
-    sb_vec3 *shape;              /* [nodes] displacements found (m) */
-    sb_vec3 *errors;             /* [DRAWS][nodes] of draws (m), calibrated */
-    sb_real *expected;           /* [nodes] m */
-    sb_vec3 *cell_force;         /* [cells][nodes per cell] internal forces (N) */
-    sb_vec3 *poisson_force;      /* [nodes] what 0.02 of Poisson's ratio do to them (N) */
-    sb_real *region;             /* [cells][REGIONS] shares */
-    sb_vec3 centre;              /* m: turns of the pose are about it */
-    sb_vec3 *weighted_modes;     /* [MODES][nodes] rigid motions times shares of the mass, of nothing-held organs, */
-    sb_vec3 *drift;              /* [MODES][nodes] and what these as forces do */
-    double drift_system[REGI_INFER_MODES * REGI_INFER_MODES]; /* their products, factored */
-    double pose_sd[REGI_INFER_POSE];                          /* m, rad */
-    double pose[REGI_INFER_POSE];                             /* reached: m, rad */
-    double next[REGI_GAUSS_POSES];                            /* found in this round; the offset last (m) */
-    double temper;                                            /* share of the evidence that counts, (0, 1] */
+    int node_count, landmark_count;
+    int loads;               /* 3 per control point, then the weight's: 3 c + 3 */
+    double begun;            /* on the clock */
+    int *patch_of;           /* [count of data] patch, or -1 - component of a landmark */
+    double *averaged;        /* [data] m^2: the part of the variance that averages out */
+    sb_embedding_rows marks; /* of the landmarks in the mesh */
+    sb_vec3 *mark_seen;      /* [landmark_count] m */
+    sb_real *mark_sd;        /* [landmark_count] m */
+    double *raw;             /* [loads][gauss.most] responses of data, then resultants, to unit tractions and weight */
+    double *root;            /* [c][c] of the present prior */
+    double *extended;        /* [most][most] gram of responses to tractions with their resultants */
+    double *local, *trial_local;     /* [c] */
+    double *energy;                  /* [c + 6] */
+    double *c;                       /* [loads] found, in the gauss' units */
+    double *draw;                    /* [loads] */
+    double *datum;                   /* [most] scratch */
+    sb_vec3 *tractions;              /* [c] scratch */
+    sb_vec3 *row;                    /* [REGI_RESPONSE_GROUP][nodes] */
+    sb_vec3 *skin;                   /* [skin nodes] where they are (m) */
+    sb_vec3 *forces;                 /* [nodes] found (N) */
+    sb_vec3 *increment, *trial;      /* [nodes] */
+    sb_vec3 *shape;                  /* [nodes] displacements found (m) */
+    sb_vec3 *errors;                 /* [DRAWS][nodes] of draws (m), calibrated */
+    sb_real *expected;               /* [nodes] m */
+    sb_vec3 *cell_force;             /* [cells][nodes per cell] internal forces (N) */
+    sb_vec3 *poisson_force;          /* [nodes] what 0.02 of Poisson's ratio do to them (N) */
+    sb_real *region;                 /* [cells][REGIONS] shares */
+    double pose_sd[REGI_INFER_POSE]; /* m, rad */
+    double pose[REGI_INFER_POSE];    /* reached: m, rad */
+    double next[REGI_GAUSS_POSES];   /* found in this round; the offset last (m) */
+    double temper;                   /* share of the evidence that counts, (0, 1] */
 };
+
+/* ---- infer ---- */
+/* Points or a surface, a camera, numbers in range. SB_ERROR_ARGUMENT, SB_ERROR_NOT_FINITE (error->node). */
+REGI_API sb_result regi_infer_check_points(const reg_points *target, sb_error *error);
+/* 1: orthonormal, of determinant 1, finite. */
+REGI_API int regi_infer_is_motion(const reg_rigid *motion);
 
 /* ---- infer_rows ---- */
 /* Seconds on the caller's clock, 0 without one. */
 REGI_API double regi_infer_now(const reg_infer *infer);
-/* Groups the points into patches: fills points, patch_start. SB_ERROR_MEMORY. */
+/* Groups the points into patches: fills the look. SB_ERROR_MEMORY. */
 REGI_API sb_result regi_infer_group(reg_infer *infer, int patches, sb_error *error);
 /* Looks for the points' places on the model where it is now, trusts them, and lists the data: gauss.count, patch_of,
  * averaged. Returns how many patches count. */
@@ -11509,6 +12011,8 @@ REGI_API void regi_infer_row(const reg_infer *infer, int datum, sb_vec3 *row, do
 REGI_API double regi_infer_measure(const reg_infer *infer, int datum, const sb_vec3 *u);
 
 /* ---- infer_prior ---- */
+/* What a model cannot follow (m). */
+REGI_API double regi_infer_least_misfit(const reg_model *model);
 /* Variances of the data for a misfit (m). */
 REGI_API void regi_infer_set_misfit(reg_infer *infer, double misfit);
 /* Columns and resultants of the gauss for a choice. 0: none. */
@@ -11519,11 +12023,6 @@ REGI_API int regi_infer_choose(reg_infer *infer);
 REGI_API void regi_infer_unfold(const reg_infer *infer, const double *c, sb_vec3 *tractions, sb_vec3 *weight);
 
 /* ---- infer_respond ---- */
-/* Factor and residual of the shape of now. The factor's errors. */
-REGI_API sb_result regi_infer_factor(reg_infer *infer, sb_error *error);
-/* Motions of `count` rows of forces, row[count][nodes], in place, at most SBI_FRONT_GROUP: none of what is held, and
- * none of the whole, which is the pose's. */
-REGI_API void regi_infer_solve_rows(reg_infer *infer, sb_vec3 *row, int count);
 /* Responses, gaps and resultants of the data at hand. */
 REGI_API void regi_infer_respond(reg_infer *infer);
 
@@ -11550,19 +12049,20 @@ static sb_result regi_infer_cut(reg_infer *f, int patches, sb_vec3 *at, int *cho
 {
     reg_kdtree *tree = NULL;
     sb_result result;
-    for (int i = 0; i < f->point_count; i++)
-        at[i] = f->points[i].at;
-    f->patch_count = reg_cloud_spread(at, f->point_count, patches, chosen, f->sort);
-    for (int s = 0; s < f->patch_count; s++)
-        at[s] = f->points[chosen[s]].at;
-    result = reg_kdtree_create(at, f->patch_count, &f->allocator, &tree, error);
+    for (int i = 0; i < f->look.point_count; i++)
+        at[i] = f->look.points[i].at;
+    f->look.patch_count = reg_cloud_spread(at, f->look.point_count, patches, chosen, f->look.sort);
+    for (int s = 0; s < f->look.patch_count; s++)
+        at[s] = f->look.points[chosen[s]].at;
+    result = reg_kdtree_create(at, f->look.patch_count, &f->allocator, &tree, error);
     if (result != SB_OK)
         return result;
-    memset(count, 0, (size_t)(f->patch_count + 1) * sizeof *count);
-    for (int i = 0; i < f->point_count; i++) {
-        f->points[i].patch = reg_kdtree_nearest(tree, f->points[i].at, SB_REAL_MAX, NULL);
-        f->points[i].patch = f->points[i].patch < 0 ? 0 : f->points[i].patch; /* too far away for squares */
-        count[f->points[i].patch + 1]++;
+    memset(count, 0, (size_t)(f->look.patch_count + 1) * sizeof *count);
+    for (int i = 0; i < f->look.point_count; i++) {
+        f->look.points[i].patch = reg_kdtree_nearest(tree, f->look.points[i].at, SB_REAL_MAX, NULL);
+        f->look.points[i].patch =
+            f->look.points[i].patch < 0 ? 0 : f->look.points[i].patch; /* too far away for squares */
+        count[f->look.points[i].patch + 1]++;
     }
     reg_kdtree_destroy(tree);
     return SB_OK;
@@ -11570,23 +12070,23 @@ static sb_result regi_infer_cut(reg_infer *f, int patches, sb_vec3 *at, int *cho
 
 REGI_API sb_result regi_infer_group(reg_infer *f, int patches, sb_error *error)
 {
-    size_t n = (size_t)f->point_count;
-    regi_infer_point *sorted = (regi_infer_point *)sbi_alloc(&f->allocator, n, sizeof *sorted);
+    size_t n = (size_t)f->look.point_count;
+    regi_look_point *sorted = (regi_look_point *)sbi_alloc(&f->allocator, n, sizeof *sorted);
     sb_vec3 *at = (sb_vec3 *)sbi_alloc(&f->allocator, n, sizeof *at);
     int *chosen = (int *)sbi_alloc(&f->allocator, (size_t)patches, sizeof *chosen);
     sb_result result = SB_OK;
     if (!sorted || !at || !chosen)
-        result = sbi_fail(error, SB_ERROR_MEMORY, "no memory for the patches of %d points", f->point_count);
+        result = sbi_fail(error, SB_ERROR_MEMORY, "no memory for the patches of %d points", f->look.point_count);
     if (result == SB_OK)
-        result = regi_infer_cut(f, patches, at, chosen, f->patch_start, error);
+        result = regi_infer_cut(f, patches, at, chosen, f->look.patch_start, error);
     if (result == SB_OK) {
-        for (int s = 0; s < f->patch_count; s++)
-            f->patch_start[s + 1] += f->patch_start[s];
-        for (int i = 0; i < f->point_count; i++)
-            sorted[f->patch_start[f->points[i].patch]++] = f->points[i];
-        memmove(f->patch_start + 1, f->patch_start, (size_t)f->patch_count * sizeof(int));
-        f->patch_start[0] = 0;
-        memcpy(f->points, sorted, n * sizeof *sorted);
+        for (int s = 0; s < f->look.patch_count; s++)
+            f->look.patch_start[s + 1] += f->look.patch_start[s];
+        for (int i = 0; i < f->look.point_count; i++)
+            sorted[f->look.patch_start[f->look.points[i].patch]++] = f->look.points[i];
+        memmove(f->look.patch_start + 1, f->look.patch_start, (size_t)f->look.patch_count * sizeof(int));
+        f->look.patch_start[0] = 0;
+        memcpy(f->look.points, sorted, n * sizeof *sorted);
     }
     sbi_free(&f->allocator, chosen);
     sbi_free(&f->allocator, at);
@@ -11594,144 +12094,16 @@ REGI_API sb_result regi_infer_group(reg_infer *f, int patches, sb_error *error)
     return result;
 }
 
-/* ---- places ---- */
-
-/* 1 when the model's place of a point may be what was seen. */
-static int regi_infer_is_allowed(const reg_infer *f, const regi_infer_point *p)
-{
-    sb_vec3 way = sb_v3_sub(p->at, p->place), view;
-    sb_real most = (sb_real)0.02 * f->model->size;
-    if (!(p->weight > 0) || sb_v3_dot(p->normal, p->plane) < 0)
-        return 0;
-    if (sb_v3_norm(sb_v3_sub(way, sb_v3_scale(p->gap, p->plane))) > most)
-        return 0;
-    if (!f->def->target.has_camera)
-        return 1;
-    view = sb_v3_sub(f->def->target.camera, p->place);
-    return sb_v3_dot(view, p->plane) > (sb_real)-0.1 * sb_v3_norm(view);
-}
-
-static void regi_infer_place(reg_infer *f, regi_infer_point *p)
-{
-    sb_surface_hit hit;
-    p->trust = 0;
-    p->gap = 0;
-    if (!sb_surface_closest_from(f->model->tree, p->at, SB_REAL_MAX, p->triangle, &hit)) {
-        p->triangle = -1;
-        return;
-    }
-    p->triangle = hit.triangle;
-    for (int k = 0; k < 3; k++)
-        p->corner[k] = hit.weights[k];
-    p->place = hit.point;
-    p->plane = sb_surface_normal(f->model->tree, &hit);
-    p->gap = sb_v3_dot(p->plane, sb_v3_sub(p->at, p->place));
-    p->trust = regi_infer_is_allowed(f, p) ? p->weight : 0;
-}
-
-/* Median of what is in sort[count]; 0 for none. */
-static sb_real regi_infer_median(reg_infer *f, int count)
-{
-    return count > 0 ? regi_cloud_select(f->sort, count, (count - 1) / 2) : 0;
-}
-
-/* Median gap of a patch's allowed points. */
-static sb_real regi_infer_patch_median(reg_infer *f, int patch)
-{
-    int count = 0;
-    for (int i = f->patch_start[patch]; i < f->patch_start[patch + 1]; i++)
-        if (f->points[i].trust > 0)
-            f->sort[count++] = f->points[i].gap;
-    return regi_infer_median(f, count);
-}
-
-/* Noise of the points: 1.48 times the median of their deviations from the medians of their patches, which are left in
- * `off`. A single point has none, so that patches of two or three are counted for what they are worth. */
-static void regi_infer_estimate_noise(reg_infer *f)
-{
-    int count = 0;
-    for (int s = 0; s < f->patch_count; s++) {
-        sb_real median = regi_infer_patch_median(f, s);
-        for (int i = f->patch_start[s]; i < f->patch_start[s + 1]; i++)
-            f->points[i].off = f->points[i].gap - median;
-    }
-    for (int s = 0; s < f->patch_count; s++)
-        for (int i = f->patch_start[s]; i < f->patch_start[s + 1]; i++)
-            if (f->points[i].trust > 0 && f->patch_start[s + 1] - f->patch_start[s] > 1)
-                f->sort[count++] = sb_abs(f->points[i].off);
-    f->noise = (sb_real)1.4826 * regi_infer_median(f, count);
-}
-
-/* Less trust in what is far off: in all the target, and in its patch. The limit begins with what loads may well do, and
- * halves each round, down to what the others scatter, but no farther than to what a coarse model may be off by: a dent
- * is followed before what is left is taken for no organ. */
-static void regi_infer_weigh_points(reg_infer *f, int round)
-{
-    int count = 0;
-    sb_real limit, early = (sb_real)0.08 * f->model->size;
-    for (int k = 0; k < round; k++)
-        early *= (sb_real)0.5;
-    for (int i = 0; i < f->point_count; i++)
-        if (f->points[i].trust > 0)
-            f->sort[count++] = sb_abs(f->points[i].gap);
-    limit = sb_max(sb_max(early, (sb_real)0.01 * f->model->size),
-                   (sb_real)(round < 2 ? 4 : 6) * regi_infer_median(f, count) + 3 * f->noise);
-    for (int i = 0; i < f->point_count && limit > 0; i++) {
-        regi_infer_point *p = f->points + i;
-        sb_real far = p->gap / limit, off = p->off / sb_max(3 * f->noise, (sb_real)0.3 * limit);
-        p->trust /= (1 + far * far) * (1 + far * far) * (1 + off * off);
-    }
-}
-
 /* ---- data ---- */
-
-/* Shares of a patch's points in its row, and the variance of their mean: of noise, of which three neighbours count as
- * one, and of a share of what the patch is steeper than noise, as at the rim of a dent: that does not average out. */
-static double regi_infer_share_patch(reg_infer *f, int patch)
-{
-    const double steep = 0.09;
-    double sum = 0, squares = 0, most = 0, spread = 0;
-    for (int i = f->patch_start[patch]; i < f->patch_start[patch + 1]; i++) {
-        regi_infer_point *p = f->points + i;
-        p->share = p->sd > 0 ? p->trust / (p->sd * p->sd) : p->trust;
-        sum += (double)p->share;
-    }
-    for (int i = f->patch_start[patch]; i < f->patch_start[patch + 1]; i++) {
-        regi_infer_point *p = f->points + i;
-        double sd = (double)(p->sd > 0 ? p->sd : f->noise);
-        p->share = (sb_real)((double)p->share / sum);
-        squares += (double)p->share * (double)p->share * sd * sd;
-        most += (double)p->share * sd * sd;
-        spread += (double)p->share * ((double)p->off * (double)p->off - sd * sd);
-    }
-    return (3 * squares < most ? 3 * squares : most) + (spread > 0 ? steep * spread : 0);
-}
-
-/* Share of its given weight that a patch keeps. */
-static sb_real regi_infer_patch_trust(const reg_infer *f, int patch)
-{
-    double kept = 0, all = 0;
-    for (int i = f->patch_start[patch]; i < f->patch_start[patch + 1]; i++) {
-        kept += (double)f->points[i].trust;
-        all += (double)f->points[i].weight;
-    }
-    return all > 0 ? (sb_real)(kept / all) : 0;
-}
 
 static int regi_infer_list_data(reg_infer *f)
 {
-    int count = 0, patches;
-    sb_real least;
-    for (int s = 0; s < f->patch_count; s++) {
-        sb_real trust = regi_infer_patch_trust(f, s);
-        if (trust > 0)
-            f->sort[count++] = trust;
-    }
-    least = (sb_real)0.3 * regi_infer_median(f, count);
+    int patches;
+    sb_real least = regi_look_least_trust(&f->look);
     f->gauss.count = 0;
-    for (int s = 0; s < f->patch_count; s++)
-        if (regi_infer_patch_trust(f, s) > least) {
-            f->averaged[f->gauss.count] = regi_infer_share_patch(f, s);
+    for (int s = 0; s < f->look.patch_count; s++)
+        if (regi_look_patch_trust(&f->look, s) > least) {
+            f->averaged[f->gauss.count] = regi_look_share_patch(&f->look, s);
             f->patch_of[f->gauss.count++] = s;
         }
     patches = f->gauss.count;
@@ -11742,16 +12114,26 @@ static int regi_infer_list_data(reg_infer *f)
     return patches;
 }
 
+/* The limit of what is believed begins with what loads may well do, and halves each round, down to what the others
+ * scatter, but no farther than to what a coarse model may be off by: a dent is followed before what is left is taken
+ * for no organ. */
+static sb_real regi_infer_early_limit(const reg_infer *f, int round)
+{
+    sb_real early = (sb_real)0.08 * f->model->size;
+    for (int k = 0; k < round; k++)
+        early *= (sb_real)0.5;
+    return sb_max(early, (sb_real)0.01 * f->model->size);
+}
+
 REGI_API int regi_infer_look(reg_infer *f, int round)
 {
     const reg_model *m = f->model;
     sb_mapping_apply(&m->rows.mapping, sb_body_positions(m->body), f->skin);
     if (sb_surface_move(m->tree, f->skin, &m->jobs, NULL) != SB_OK)
         return 0;
-    for (int i = 0; i < f->point_count; i++)
-        regi_infer_place(f, f->points + i);
-    regi_infer_estimate_noise(f);
-    regi_infer_weigh_points(f, round);
+    for (int i = 0; i < f->look.point_count; i++)
+        regi_look_place(&f->look, f->look.points + i);
+    regi_look_judge(&f->look, regi_infer_early_limit(f, round), round < 2 ? 4 : 6);
     return regi_infer_list_data(f);
 }
 
@@ -11766,7 +12148,7 @@ static void regi_infer_add(const sb_mapping *mapping, int point, sb_vec3 line, s
 
 static void regi_infer_add_pose(const reg_infer *f, sb_vec3 place, sb_vec3 line, double pose[REGI_INFER_POSE])
 {
-    sb_vec3 turn = sb_v3_cross(sb_v3_sub(place, f->centre), line);
+    sb_vec3 turn = sb_v3_cross(sb_v3_sub(place, f->response.centre), line);
     const sb_real slope[REGI_INFER_POSE] = {line.x, line.y, line.z, turn.x, turn.y, turn.z};
     for (int k = 0; k < REGI_INFER_POSE; k++)
         pose[k] += (double)slope[k];
@@ -11794,8 +12176,8 @@ REGI_API void regi_infer_row(const reg_infer *f, int datum, sb_vec3 *row, double
         regi_infer_mark_row(f, -1 - patch, row, gap, pose);
         return;
     }
-    for (int i = f->patch_start[patch]; i < f->patch_start[patch + 1]; i++) {
-        const regi_infer_point *p = f->points + i;
+    for (int i = f->look.patch_start[patch]; i < f->look.patch_start[patch + 1]; i++) {
+        const regi_look_point *p = f->look.points + i;
         const int *corners = p->triangle < 0 ? NULL : f->model->skin.elements + 3 * (size_t)p->triangle;
         sb_vec3 line = sb_v3_scale(p->share, p->plane);
         if (!(p->share > 0) || !corners)
@@ -11823,8 +12205,8 @@ REGI_API double regi_infer_measure(const reg_infer *f, int datum, const sb_vec3 
         int axis = (-1 - patch) % 3;
         return regi_infer_measure_point(&f->marks.mapping, (-1 - patch) / 3, sb_v3(axis == 0, axis == 1, axis == 2), u);
     }
-    for (int i = f->patch_start[patch]; i < f->patch_start[patch + 1]; i++) {
-        const regi_infer_point *p = f->points + i;
+    for (int i = f->look.patch_start[patch]; i < f->look.patch_start[patch + 1]; i++) {
+        const regi_look_point *p = f->look.points + i;
         for (int k = 0; k < 3 && p->share > 0 && p->triangle >= 0; k++)
             sum += regi_infer_measure_point(&f->model->rows.mapping,
                                             f->model->skin.elements[3 * (size_t)p->triangle + (size_t)k],
@@ -11840,10 +12222,6 @@ REGI_API double regi_infer_measure(const reg_infer *f, int datum, const sb_vec3 
 #include <string.h>
 
 enum { REGI_INFER_GRAVITIES = 4, REGI_INFER_MISFITS = 5, REGI_INFER_LOCAL = 4 };
-
-/* Length of the tractions, in shares of the size: about that of tools and hands. Longer ones, which evidence may well
- * prefer, need so large a scale for what is local that the organ bends by far too much where it is not seen. */
-#define REGI_INFER_LENGTH 0.06
 
 /* Places of their own must explain more than loads everywhere by so many nats, tempered. */
 static const double regi_infer_earned = 3;
@@ -11975,9 +12353,9 @@ static int regi_infer_weigh_misfit(reg_infer *f, regi_infer_choice *choice)
 /* What the model cannot follow (m), for `spacing` s: a quarter of s^1.5 in sizes, as measured on models of 60 to 1,500
  * nodes; beyond 0.006 nothing is gained. With less, errors of a coarse model look like loads, which bend the organ as a
  * whole: a dent narrower than a cell put it off by up to 2.7 times what the rigid start was. */
-static double regi_infer_least_misfit(const reg_infer *f)
+REGI_API double regi_infer_least_misfit(const reg_model *model)
 {
-    double size = (double)f->model->size, cell = f->model->spacing / size, share = 0.25 * cell * sqrt(cell);
+    double size = (double)model->size, cell = model->spacing / size, share = 0.25 * cell * sqrt(cell);
     return size * (share < 1e-3 ? 1e-3 : share > 6e-3 ? 6e-3 : share);
 }
 
@@ -11987,7 +12365,7 @@ static int regi_infer_search_misfit(reg_infer *f, regi_infer_choice *best)
     static const double shares[REGI_INFER_MISFITS] = {1.02, 1.06, 1.23, 1.74, 3.03};
     regi_infer_choice trial = *best;
     for (int k = 0; k < REGI_INFER_MISFITS; k++) {
-        trial.misfit = shares[k] * regi_infer_least_misfit(f);
+        trial.misfit = shares[k] * regi_infer_least_misfit(f->model);
         if (!regi_infer_weigh_misfit(f, &trial))
             return 0;
         if (k == 0 || trial.evidence > best->evidence)
@@ -12094,8 +12472,8 @@ static double regi_infer_find_temper(const reg_infer *f)
         sb_real nearest = SB_REAL_MAX;
         int other = i;
         for (int j = 0; j < g->count && f->patch_of[j] >= 0; j++) {
-            sb_vec3 d =
-                sb_v3_sub(f->points[f->patch_start[f->patch_of[i]]].at, f->points[f->patch_start[f->patch_of[j]]].at);
+            sb_vec3 d = sb_v3_sub(f->look.points[f->look.patch_start[f->patch_of[i]]].at,
+                                  f->look.points[f->look.patch_start[f->patch_of[j]]].at);
             sb_real square = sb_v3_dot(d, d);
             if (j != i && square < nearest) {
                 nearest = square;
@@ -12156,82 +12534,14 @@ static void regi_infer_store(reg_infer *f, int at, const sb_vec3 *row)
     }
 }
 
-/* What is held does not move but with the pose. */
-static void regi_infer_hold(const reg_infer *f, sb_vec3 *row)
-{
-    const unsigned char *held = sb_body_supports(f->model->body);
-    for (int i = 0; i < f->node_count; i++)
-        row[i] = sbi_body_pick_axes(held[i], sb_v3(0, 0, 0), row[i]);
-}
-
-/* Takes the motion as a whole, by shares of the mass, out of u[nodes], by forces on the modes. */
-static void regi_infer_stop_drift(const reg_infer *f, sb_vec3 *u)
-{
-    size_t n = (size_t)f->node_count;
-    double c[REGI_INFER_MODES];
-    for (int k = 0; k < REGI_INFER_MODES; k++) {
-        c[k] = 0;
-        for (size_t i = 0; i < n; i++)
-            c[k] += (double)sb_v3_dot(f->weighted_modes[(size_t)k * n + i], u[i]);
-    }
-    regi_gauss_substitute(f->drift_system, REGI_INFER_MODES, REGI_INFER_MODES, c);
-    for (int k = 0; k < REGI_INFER_MODES; k++)
-        for (size_t i = 0; i < n; i++)
-            u[i] = sb_v3_madd(u[i], (sb_real)-c[k], f->drift[(size_t)k * n + i]);
-}
-
-REGI_API void regi_infer_solve_rows(reg_infer *f, sb_vec3 *row, int count)
-{
-    for (int s = 0; s < count; s++)
-        regi_infer_hold(f, row + (size_t)s * (size_t)f->node_count);
-    (void)sb_direct_solve(f->direct, &row[0].x, &row[0].x, count);
-    for (int s = 0; s < count && !f->model->held; s++)
-        regi_infer_stop_drift(f, row + (size_t)s * (size_t)f->node_count);
-}
-
-/* The modes about where the organ is, and their system. 0: it is not positive. */
-static int regi_infer_find_drift(reg_infer *f)
-{
-    const sb_vec3 *x = sb_body_positions(f->model->body);
-    size_t n = (size_t)f->node_count;
-    for (int k = 0; k < REGI_INFER_MODES; k++) {
-        sb_vec3 axis = sb_v3(k % 3 == 0, k % 3 == 1, k % 3 == 2);
-        for (size_t i = 0; i < n; i++) {
-            sb_vec3 turned = sb_v3_scale(1 / f->model->size, sb_v3_cross(axis, sb_v3_sub(x[i], f->centre)));
-            f->weighted_modes[(size_t)k * n + i] = sb_v3_scale(f->model->prior.weight[i], k < 3 ? axis : turned);
-        }
-    }
-    memcpy(f->drift, f->weighted_modes, REGI_INFER_MODES * n * sizeof *f->drift);
-    for (int k = 0; k < REGI_INFER_MODES; k++)
-        (void)sb_direct_solve(f->direct, &f->drift[(size_t)k * n].x, &f->drift[(size_t)k * n].x, 1);
-    for (int k = 0; k < REGI_INFER_MODES; k++)
-        for (int l = 0; l < REGI_INFER_MODES; l++) {
-            double sum = 0;
-            for (size_t i = 0; i < n; i++)
-                sum += (double)sb_v3_dot(f->weighted_modes[(size_t)k * n + i], f->drift[(size_t)l * n + i]);
-            f->drift_system[k * REGI_INFER_MODES + l] = sum;
-        }
-    return regi_gauss_cholesky(f->drift_system, REGI_INFER_MODES, REGI_INFER_MODES);
-}
-
-REGI_API sb_result regi_infer_factor(reg_infer *f, sb_error *error)
-{
-    /* what holds nothing-held organs acts on increments only, and balanced loads do not notice */
-    sb_real hold = (sb_real)(f->model->held ? 1e-4 : 1e-2) * REGI_MODEL_YOUNG * f->model->size;
-    sb_result result = sbi_body_factor(f->model->body, hold, f->residual, f->direct, error);
-    if (result == SB_OK && !f->model->held && !regi_infer_find_drift(f))
-        result = sbi_fail(error, SB_ERROR_INDEFINITE, "the organ's stiffness is not positive");
-    return result;
-}
-
 /* Responses of all data, a group at a time, and the gaps that loads and pose have to close in all: those seen, and
  * those that would open if the present loads and pose went. */
 static void regi_infer_measure_data(reg_infer *f)
 {
     regi_gauss *g = &f->gauss;
     size_t n = (size_t)f->node_count;
-    for (int first = 0; first < g->count; first += SBI_FRONT_GROUP) {
-        int count = sbi_min_int(SBI_FRONT_GROUP, g->count - first);
+    for (int first = 0; first < g->count; first += REGI_RESPONSE_GROUP) {
+        int count = sbi_min_int(REGI_RESPONSE_GROUP, g->count - first);
         memset(f->row, 0, (size_t)count * n * sizeof *f->row);
         for (int s = 0; s < count; s++) {
             double pose[REGI_INFER_POSE];
@@ -12243,11 +12553,11 @@ static void regi_infer_measure_data(reg_infer *f)
             g->pose[(size_t)REGI_INFER_POSE * (size_t)g->most + (size_t)(first + s)] =
                 f->patch_of[first + s] < 0 ? 0 : REGI_INFER_OFFSET * (double)f->model->size;
         }
-        regi_infer_solve_rows(f, f->row, count);
+        regi_response_solve(&f->response, f->row, count);
         for (int s = 0; s < count; s++) {
             const sb_vec3 *row = f->row + (size_t)s * n;
             for (size_t i = 0; i < n; i++)
-                g->gap[first + s] += (double)sb_v3_dot(row[i], f->residual[i]);
+                g->gap[first + s] += (double)sb_v3_dot(row[i], f->response.residual[i]);
             regi_infer_store(f, first + s, row);
         }
     }
@@ -12260,7 +12570,8 @@ static void regi_infer_sum_up(reg_infer *f)
     for (int e = 0; e < f->gauss.exact; e++) {
         sb_vec3 axis = sb_v3(e % 3 == 0, e % 3 == 1, e % 3 == 2);
         for (int i = 0; i < f->node_count; i++)
-            f->row[i] = e < 3 ? axis : sb_v3_scale(1 / f->model->size, sb_v3_cross(axis, sb_v3_sub(x[i], f->centre)));
+            f->row[i] =
+                e < 3 ? axis : sb_v3_scale(1 / f->model->size, sb_v3_cross(axis, sb_v3_sub(x[i], f->response.centre)));
         regi_infer_store(f, f->gauss.count + e, f->row);
     }
 }
@@ -12308,10 +12619,10 @@ static void regi_infer_try(reg_infer *f, double share)
     sb_mat3 rotation;
     for (int k = 0; k < REGI_INFER_POSE; k++)
         d[k] = (sb_real)(share * (f->next[k] - f->pose[k]));
-    way = sb_v3_add(f->centre, sb_v3(d[0], d[1], d[2]));
+    way = sb_v3_add(f->response.centre, sb_v3(d[0], d[1], d[2]));
     rotation = sb_quat_to_mat3(sb_quat_from_rotation_vector(sb_v3(d[3], d[4], d[5])));
     for (int i = 0; i < f->node_count; i++) {
-        sb_vec3 moved = sb_v3_sub(sb_v3_madd(x[i], (sb_real)share, f->increment[i]), f->centre);
+        sb_vec3 moved = sb_v3_sub(sb_v3_madd(x[i], (sb_real)share, f->increment[i]), f->response.centre);
         f->trial[i] = sb_v3_sub(sb_v3_add(sb_m3_apply(rotation, moved), way), f->model->mesh.nodes[i]);
     }
 }
@@ -12359,8 +12670,8 @@ static sb_result regi_infer_solve(reg_infer *f, int round, sb_error *error)
     regi_infer_unfold(f, f->c, f->tractions, &weight);
     regi_prior_forces(&f->model->prior, f->tractions, weight, f->forces);
     for (int i = 0; i < f->node_count; i++)
-        f->increment[i] = sb_v3_sub(f->forces[i], f->residual[i]);
-    regi_infer_solve_rows(f, f->increment, 1);
+        f->increment[i] = sb_v3_sub(f->forces[i], f->response.residual[i]);
+    regi_response_solve(&f->response, f->increment, 1);
     return SB_OK;
 }
 
@@ -12370,7 +12681,7 @@ REGI_API sb_result regi_infer_round(reg_infer *f, int round, sb_error *error)
     sb_result result;
     if (regi_infer_look(f, round) == 0)
         return sbi_fail(error, SB_ERROR_NOT_CONVERGED, "no point of the target is near a place of the organ");
-    result = regi_infer_factor(f, error);
+    result = regi_response_factor(&f->response, error);
     if (result != SB_OK)
         return result;
     regi_infer_respond(f);
@@ -12405,42 +12716,6 @@ REGI_API sb_result regi_infer_round(reg_infer *f, int round, sb_error *error)
 /* What is not known of the material: log of the stiffness of a region (sd), and Poisson's ratio. */
 #define REGI_INFER_STIFFNESS_SD 0.5
 #define REGI_INFER_POISSON_SD 0.02
-
-/* ---- chance: the same everywhere ---- */
-
-typedef struct regi_infer_chance {
-    uint64_t state;
-    double spare;
-    int has_spare;
-} regi_infer_chance;
-
-/* In (-1, 1): xorshift64*. */
-static double regi_infer_uniform(regi_infer_chance *chance)
-{
-    chance->state ^= chance->state >> 12;
-    chance->state ^= chance->state << 25;
-    chance->state ^= chance->state >> 27;
-    return (double)((chance->state * 2685821657736338717u) >> 11) / 4503599627370496.0 - 1;
-}
-
-/* Normal, by Marsaglia's polar method. */
-static double regi_infer_normal(regi_infer_chance *chance)
-{
-    double u, v, square;
-    if (chance->has_spare) {
-        chance->has_spare = 0;
-        return chance->spare;
-    }
-    do {
-        u = regi_infer_uniform(chance);
-        v = regi_infer_uniform(chance);
-        square = u * u + v * v;
-    } while (!(square > 0) || square >= 1);
-    square = sqrt(-2 * sbi_dense_log(square) / square);
-    chance->spare = v * square;
-    chance->has_spare = 1;
-    return u * square;
-}
 
 /* ---- the material ---- */
 
@@ -12538,13 +12813,13 @@ static sb_result regi_infer_find_regions(reg_infer *f, int *regions, sb_error *e
 }
 
 /* forces[nodes] of a draw of what is not known of the material. */
-static void regi_infer_draw_material(const reg_infer *f, int regions, regi_infer_chance *chance, sb_vec3 *forces)
+static void regi_infer_draw_material(const reg_infer *f, int regions, regi_chance *chance, sb_vec3 *forces)
 {
     const sb_domain *d = &f->model->domain;
     size_t n = (size_t)d->nodes_per_cell;
-    double theta[REGI_INFER_REGIONS], poisson = regi_infer_normal(chance);
+    double theta[REGI_INFER_REGIONS], poisson = regi_chance_normal(chance);
     for (int k = 0; k < regions; k++)
-        theta[k] = REGI_INFER_STIFFNESS_SD * regi_infer_normal(chance);
+        theta[k] = REGI_INFER_STIFFNESS_SD * regi_chance_normal(chance);
     for (int i = 0; i < f->node_count; i++)
         forces[i] = sb_v3_scale((sb_real)poisson, f->poisson_force[i]);
     for (int e = 0; e < d->cell_count; e++) {
@@ -12563,18 +12838,18 @@ static void regi_infer_draw_material(const reg_infer *f, int regions, regi_infer
 
 /* One draw of the error: its forces into `forces`, its pose into pose[7] (m, rad). errors holds what the material does.
  */
-static void regi_infer_condition_draw(reg_infer *f, regi_infer_chance *chance, const sb_vec3 *errors, sb_vec3 *forces,
+static void regi_infer_condition_draw(reg_infer *f, regi_chance *chance, const sb_vec3 *errors, sb_vec3 *forces,
                                       double pose[REGI_GAUSS_POSES])
 {
     regi_gauss *g = &f->gauss;
     sb_vec3 weight;
     for (int b = 0; b < g->loads; b++)
-        f->draw[b] = g->scale * regi_infer_normal(chance);
+        f->draw[b] = g->scale * regi_chance_normal(chance);
     regi_gauss_balance(g, f->draw);
     for (int k = 0; k < g->poses; k++)
-        pose[k] = regi_infer_normal(chance);
+        pose[k] = regi_chance_normal(chance);
     for (int i = 0; i < g->count; i++)
-        f->datum[i] = sqrt(g->variance[i]) * regi_infer_normal(chance) + regi_infer_measure(f, i, errors);
+        f->datum[i] = sqrt(g->variance[i]) * regi_chance_normal(chance) + regi_infer_measure(f, i, errors);
     regi_gauss_condition(g, f->draw, pose, f->datum);
     for (int k = 0; k < REGI_INFER_POSE; k++)
         pose[k] *= f->pose_sd[k];
@@ -12589,22 +12864,22 @@ static void regi_infer_add_draw(const reg_infer *f, const sb_vec3 *moved, const 
     sb_vec3 way = sb_v3((sb_real)pose[0], (sb_real)pose[1], (sb_real)pose[2]);
     sb_vec3 turn = sb_v3((sb_real)pose[3], (sb_real)pose[4], (sb_real)pose[5]);
     for (int i = 0; i < f->node_count; i++) {
-        sb_vec3 arm = sb_v3_sub(sb_v3_add(f->model->mesh.nodes[i], f->shape[i]), f->centre);
+        sb_vec3 arm = sb_v3_sub(sb_v3_add(f->model->mesh.nodes[i], f->shape[i]), f->response.centre);
         errors[i] = sb_v3_add(errors[i], sb_v3_add(moved[i], sb_v3_add(way, sb_v3_cross(turn, arm))));
     }
 }
 
-static void regi_infer_draw_group(reg_infer *f, int regions, int first, int count, regi_infer_chance *chance)
+static void regi_infer_draw_group(reg_infer *f, int regions, int first, int count, regi_chance *chance)
 {
     size_t n = (size_t)f->node_count;
     double pose[SBI_FRONT_GROUP][REGI_GAUSS_POSES];
     for (int s = 0; s < count; s++)
         regi_infer_draw_material(f, regions, chance, f->row + (size_t)s * n);
-    regi_infer_solve_rows(f, f->row, count);
+    regi_response_solve(&f->response, f->row, count);
     memcpy(f->errors + (size_t)first * n, f->row, (size_t)count * n * sizeof *f->row);
     for (int s = 0; s < count; s++)
         regi_infer_condition_draw(f, chance, f->errors + (size_t)(first + s) * n, f->row + (size_t)s * n, pose[s]);
-    regi_infer_solve_rows(f, f->row, count);
+    regi_response_solve(&f->response, f->row, count);
     for (int s = 0; s < count; s++) {
         regi_infer_add_draw(f, f->row + (size_t)s * n, pose[s], f->errors + (size_t)(first + s) * n);
         for (int k = 0; k < REGI_INFER_POSE; k++)
@@ -12665,7 +12940,7 @@ static void regi_infer_hedge(reg_infer *f)
 
 static sb_result regi_infer_draw_errors(reg_infer *f, sb_error *error)
 {
-    regi_infer_chance chance = {(uint64_t)0x9e3779b97f4a7c15u, 0, 0};
+    regi_chance chance = {(uint64_t)0x9e3779b97f4a7c15u, 0, 0};
     sb_real alpha = (sb_real)regi_infer_alpha(f->quality.seen);
     int regions = 0;
     sb_result result = regi_infer_find_regions(f, &regions, error);
@@ -12691,10 +12966,10 @@ static sb_real regi_infer_spacing(const reg_infer *f)
 {
     double sum = 0;
     int count = 0;
-    for (int s = 0; s < f->patch_count; s++) {
+    for (int s = 0; s < f->look.patch_count; s++) {
         sb_real nearest = SB_REAL_MAX;
-        for (int t = 0; t < f->patch_count; t++) {
-            sb_vec3 d = sb_v3_sub(f->points[f->patch_start[s]].at, f->points[f->patch_start[t]].at);
+        for (int t = 0; t < f->look.patch_count; t++) {
+            sb_vec3 d = sb_v3_sub(f->look.points[f->look.patch_start[s]].at, f->look.points[f->look.patch_start[t]].at);
             nearest = t == s ? nearest : sb_min(nearest, sb_v3_dot(d, d));
         }
         sum += nearest < SB_REAL_MAX ? (double)sb_sqrt(nearest) : 0;
@@ -12707,17 +12982,17 @@ static sb_real regi_infer_spacing(const reg_infer *f)
 static sb_result regi_infer_find_seen(reg_infer *f, sb_error *error)
 {
     const reg_model *m = f->model;
-    sb_vec3 *places = (sb_vec3 *)sbi_alloc(&f->allocator, (size_t)f->point_count, sizeof *places);
+    sb_vec3 *places = (sb_vec3 *)sbi_alloc(&f->allocator, (size_t)f->look.point_count, sizeof *places);
     reg_kdtree *tree = NULL;
     sb_real reach = regi_infer_spacing(f);
     double seen = 0;
     int count = 0;
     sb_result result = SB_OK;
     if (!places)
-        return sbi_fail(error, SB_ERROR_MEMORY, "no memory for the places of %d points", f->point_count);
-    for (int i = 0; i < f->point_count; i++)
-        if (f->points[i].trust > (sb_real)0.25 * f->points[i].weight)
-            places[count++] = f->points[i].place;
+        return sbi_fail(error, SB_ERROR_MEMORY, "no memory for the places of %d points", f->look.point_count);
+    for (int i = 0; i < f->look.point_count; i++)
+        if (f->look.points[i].trust > (sb_real)0.25 * f->look.points[i].weight)
+            places[count++] = f->look.points[i].place;
     if (count > 0)
         result = reg_kdtree_create(places, count, &f->allocator, &tree, error);
     for (int i = 0; result == SB_OK && i < m->skin.node_count && count > 0; i++)
@@ -12730,22 +13005,8 @@ static sb_result regi_infer_find_seen(reg_infer *f, sb_error *error)
 
 static void regi_infer_measure_fit(reg_infer *f)
 {
-    double used = 0, all = 0, sum = 0;
-    int count = 0;
-    for (int i = 0; i < f->point_count; i++) {
-        const regi_infer_point *p = f->points + i;
-        int good = p->trust > (sb_real)0.25 * p->weight;
-        all += (double)p->weight;
-        if (!good)
-            continue;
-        used += (double)p->weight;
-        sum += (double)sb_abs(p->gap);
-        f->sort[count++] = sb_abs(p->gap);
-    }
-    f->quality.used = (sb_real)(all > 0 ? used / all : 0);
-    f->quality.residual = (sb_real)(count > 0 ? sum / count : 0);
-    f->quality.residual_p95 = count > 0 ? regi_cloud_select(f->sort, count, (int)(0.95 * (count - 1))) : 0;
-    f->quality.noise = f->noise;
+    regi_look_measure(&f->look, &f->quality.used, &f->quality.residual, &f->quality.residual_p95);
+    f->quality.noise = f->look.noise;
     f->quality.misfit = (sb_real)f->choice.misfit;
 }
 
@@ -12868,11 +13129,11 @@ REG_API reg_infer_def reg_default_infer_def(void)
 
 /* ---- checks ---- */
 
-static sb_result regi_infer_check_points(const reg_points *t, sb_error *error)
+REGI_API sb_result regi_infer_check_points(const reg_points *t, sb_error *error)
 {
     sb_result result;
     if ((t->points != NULL) == (t->surface != NULL))
-        return sbi_fail(error, SB_ERROR_ARGUMENT, "an inference needs either points or a surface as its target");
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "a target needs either points or a surface");
     if (t->has_camera != 0 && t->has_camera != 1)
         return sbi_fail(error, SB_ERROR_ARGUMENT, "has_camera is %d, not 0 or 1", t->has_camera);
     if (t->has_camera && !sb_v3_is_finite(t->camera))
@@ -12887,7 +13148,7 @@ static sb_result regi_infer_check_points(const reg_points *t, sb_error *error)
     return result;
 }
 
-static int regi_infer_is_motion(const reg_rigid *motion)
+REGI_API int regi_infer_is_motion(const reg_rigid *motion)
 {
     sb_mat3 square = sb_m3_sub(sb_m3_tmul(motion->rotation, motion->rotation), sb_m3_identity());
     return sb_v3_is_finite(motion->translation) && sb_m3_ddot(square, square) < (sb_real)1e-6 &&
@@ -12923,35 +13184,25 @@ static sb_result regi_infer_check(const reg_infer_def *def, sb_error *error)
 
 /* ---- the target ---- */
 
-static void regi_infer_take_point(regi_infer_point *p, sb_vec3 at, sb_vec3 normal, sb_real weight, sb_real sd)
-{
-    memset(p, 0, sizeof *p);
-    p->at = at;
-    p->normal = regi_cloud_unit(normal);
-    p->weight = weight;
-    p->sd = sd;
-    p->triangle = -1;
-}
-
 /* The nodes of a surface, by area (of the mean, so that weights are about 1). */
 static void regi_infer_take_surface(reg_infer *f, const sb_mesh *triangles)
 {
     sb_real mean = 0;
     for (int i = 0; i < triangles->node_count; i++)
-        regi_infer_take_point(f->points + i, triangles->nodes[i], sb_v3(0, 0, 0), 0, 0);
+        regi_look_take(f->look.points + i, triangles->nodes[i], sb_v3(0, 0, 0), 0, 0);
     for (int t = 0; t < triangles->element_count; t++) {
         const int *c = triangles->elements + 3 * (size_t)t;
         sb_vec3 a = sb_v3_sub(triangles->nodes[c[1]], triangles->nodes[c[0]]);
         sb_vec3 area = sb_v3_cross(a, sb_v3_sub(triangles->nodes[c[2]], triangles->nodes[c[0]]));
         for (int k = 0; k < 3; k++) {
-            f->points[c[k]].normal = sb_v3_add(f->points[c[k]].normal, area);
-            f->points[c[k]].weight += sb_v3_norm(area);
+            f->look.points[c[k]].normal = sb_v3_add(f->look.points[c[k]].normal, area);
+            f->look.points[c[k]].weight += sb_v3_norm(area);
         }
         mean += 3 * sb_v3_norm(area) / (sb_real)triangles->node_count;
     }
     for (int i = 0; i < triangles->node_count; i++) {
-        f->points[i].normal = regi_cloud_unit(f->points[i].normal);
-        f->points[i].weight = mean > 0 ? f->points[i].weight / mean : 0;
+        f->look.points[i].normal = regi_cloud_unit(f->look.points[i].normal);
+        f->look.points[i].weight = mean > 0 ? f->look.points[i].weight / mean : 0;
     }
 }
 
@@ -12959,8 +13210,8 @@ static void regi_infer_take_cloud(reg_infer *f)
 {
     const reg_points *t = &f->def->target;
     for (int i = 0; i < t->count; i++)
-        regi_infer_take_point(f->points + i, t->points[i], t->normals ? t->normals[i] : sb_v3(0, 0, 0),
-                              t->weights ? t->weights[i] : 1, t->sd ? t->sd[i] : 0);
+        regi_look_take(f->look.points + i, t->points[i], t->normals ? t->normals[i] : sb_v3(0, 0, 0),
+                       t->weights ? t->weights[i] : 1, t->sd ? t->sd[i] : 0);
 }
 
 /* Landmarks that count, as rows of the mesh's nodes. */
@@ -13001,14 +13252,14 @@ static sb_result regi_infer_take_landmarks(reg_infer *f, sb_error *error)
 
 static void regi_infer_layout(reg_infer *f, sbi_arena *arena)
 {
-    size_t n = (size_t)f->node_count, c = (size_t)f->model->prior.control_count, points = (size_t)f->point_count;
-    size_t patches = (size_t)f->patch_count, marks = (size_t)f->landmark_count, loads = (size_t)f->loads;
+    size_t n = (size_t)f->node_count, c = (size_t)f->model->prior.control_count, points = (size_t)f->look.point_count;
+    size_t patches = (size_t)f->look.patch_count, marks = (size_t)f->landmark_count, loads = (size_t)f->loads;
     size_t most = patches + 3 * marks + REGI_GAUSS_EXACT, cells = (size_t)f->model->domain.cell_count;
     size_t width = (size_t)f->model->domain.nodes_per_cell, real = sizeof(double), vec = sizeof(sb_vec3);
-    f->points = (regi_infer_point *)sbi_arena_take(arena, points, sizeof(regi_infer_point));
-    f->patch_start = (int *)sbi_arena_take(arena, patches + 1, sizeof(int));
+    f->look.points = (regi_look_point *)sbi_arena_take(arena, points, sizeof(regi_look_point));
+    f->look.patch_start = (int *)sbi_arena_take(arena, patches + 1, sizeof(int));
     f->patch_of = (int *)sbi_arena_take(arena, most, sizeof(int));
-    f->sort = (sb_real *)sbi_arena_take(arena, points + patches, sizeof(sb_real));
+    f->look.sort = (sb_real *)sbi_arena_take(arena, points + patches, sizeof(sb_real));
     f->averaged = (double *)sbi_arena_take(arena, most, real);
     f->mark_seen = (sb_vec3 *)sbi_arena_take(arena, marks, vec);
     f->mark_sd = (sb_real *)sbi_arena_take(arena, marks, sizeof(sb_real));
@@ -13022,17 +13273,15 @@ static void regi_infer_layout(reg_infer *f, sbi_arena *arena)
     f->draw = (double *)sbi_arena_take(arena, loads, real);
     f->datum = (double *)sbi_arena_take(arena, most, real);
     f->tractions = (sb_vec3 *)sbi_arena_take(arena, c, vec);
-    f->row = (sb_vec3 *)sbi_arena_take(arena, n, SBI_FRONT_GROUP * vec);
+    f->row = (sb_vec3 *)sbi_arena_take(arena, n, REGI_RESPONSE_GROUP * vec);
     f->skin = (sb_vec3 *)sbi_arena_take(arena, (size_t)f->model->skin.node_count, vec);
-    f->residual = (sb_vec3 *)sbi_arena_take(arena, n, vec);
+    regi_response_layout(&f->response, f->node_count, arena);
     f->forces = (sb_vec3 *)sbi_arena_take(arena, n, vec);
     f->increment = (sb_vec3 *)sbi_arena_take(arena, n, vec);
     f->trial = (sb_vec3 *)sbi_arena_take(arena, n, vec);
     f->shape = (sb_vec3 *)sbi_arena_take(arena, n, vec);
     f->errors = (sb_vec3 *)sbi_arena_take(arena, n, REG_INFER_DRAWS * vec);
     f->expected = (sb_real *)sbi_arena_take(arena, n, sizeof(sb_real));
-    f->weighted_modes = (sb_vec3 *)sbi_arena_take(arena, n, REGI_INFER_MODES * vec);
-    f->drift = (sb_vec3 *)sbi_arena_take(arena, n, REGI_INFER_MODES * vec);
     f->cell_force = (sb_vec3 *)sbi_arena_take(arena, cells, width * vec);
     f->poisson_force = (sb_vec3 *)sbi_arena_take(arena, n, vec);
     f->region = (sb_real *)sbi_arena_take(arena, cells, REGI_INFER_REGIONS * sizeof(sb_real));
@@ -13041,18 +13290,18 @@ static void regi_infer_layout(reg_infer *f, sbi_arena *arena)
 static sb_result regi_infer_allocate(reg_infer *f, sb_error *error)
 {
     sbi_arena arena = {NULL, 0, 0};
-    int most = f->patch_count + 3 * f->landmark_count + REGI_GAUSS_EXACT;
+    int most = f->look.patch_count + 3 * f->landmark_count + REGI_GAUSS_EXACT;
     sb_result result;
     regi_infer_layout(f, &arena);
     f->memory = arena.overflow ? NULL : sbi_alloc_zeroed(&f->allocator, 1, arena.used);
     if (!f->memory)
-        return sbi_fail(error, SB_ERROR_MEMORY, "no memory for an inference from %d points", f->point_count);
+        return sbi_fail(error, SB_ERROR_MEMORY, "no memory for an inference from %d points", f->look.point_count);
     arena.base = (unsigned char *)f->memory;
     arena.used = 0;
     regi_infer_layout(f, &arena);
     result = regi_gauss_create(most, f->loads, &f->allocator, &f->gauss, error);
     if (result == SB_OK)
-        result = sbi_body_make_factor(f->model->body, &f->allocator, &f->direct, error);
+        result = sbi_body_make_factor(f->model->body, &f->allocator, &f->response.direct, error);
     return result;
 }
 
@@ -13067,7 +13316,7 @@ static sb_result regi_infer_begin(reg_infer *f)
         f->trial[i] = sb_v3_sub(reg_rigid_apply(&def->start, mesh->nodes[i]), mesh->nodes[i]);
         middle = sb_v3_madd(middle, 1 / (sb_real)(i + 1), sb_v3_sub(mesh->nodes[i], middle));
     }
-    f->centre = reg_rigid_apply(&def->start, middle);
+    f->response.centre = reg_rigid_apply(&def->start, middle);
     for (int k = 0; k < REGI_INFER_POSE; k++)
         f->pose_sd[k] = (double)(k < 3 ? sd : def->start_turn);
     f->temper = 1;
@@ -13107,9 +13356,14 @@ static sb_result regi_infer_make(reg_infer *f, const sb_mesh *triangles, sb_erro
 {
     sb_result result;
     f->node_count = f->model->mesh.node_count;
+    f->response.model = f->model;
+    f->look.tree = f->model->tree;
+    f->look.size = f->model->size;
+    f->look.has_camera = f->def->target.has_camera;
+    f->look.camera = f->def->target.camera;
     f->loads = 3 * f->model->prior.control_count + REGI_INFER_WEIGHT;
-    f->point_count = triangles ? triangles->node_count : f->def->target.count;
-    f->patch_count = sbi_min_int(f->def->samples, f->point_count);
+    f->look.point_count = triangles ? triangles->node_count : f->def->target.count;
+    f->look.patch_count = sbi_min_int(f->def->samples, f->look.point_count);
     for (int i = 0; i < f->def->landmark_count; i++)
         f->landmark_count += sb_is_finite(f->def->landmarks[i].sd);
     result = regi_infer_allocate(f, error);
@@ -13119,7 +13373,7 @@ static sb_result regi_infer_make(reg_infer *f, const sb_mesh *triangles, sb_erro
         regi_infer_take_surface(f, triangles);
     else
         regi_infer_take_cloud(f);
-    result = regi_infer_group(f, f->patch_count, error);
+    result = regi_infer_group(f, f->look.patch_count, error);
     if (result == SB_OK)
         result = regi_infer_take_landmarks(f, error);
     if (result == SB_OK)
@@ -13170,7 +13424,7 @@ REG_API void reg_infer_destroy(reg_infer *infer)
         return;
     allocator = infer->allocator;
     sb_embedding_rows_free(&infer->marks);
-    sb_direct_free(infer->direct);
+    sb_direct_free(infer->response.direct);
     regi_gauss_free(&infer->gauss);
     sbi_free(&allocator, infer->memory);
     sbi_free(&allocator, infer);
@@ -13294,6 +13548,1254 @@ REG_API const char *reg_infer_stop_string(reg_infer_stop stop)
     case REG_INFER_ROUNDS: return "rounds";
     case REG_INFER_CAPPED: return "time";
     default: return "unknown stop";
+    }
+}
+
+/* ==== src/register/track_private.h ==== */
+/* track_private: what is inside a reg_track. Floor 6, internal: track_modes.c finds the shapes, track_frame.c takes in
+ * what is seen, track.c makes it all and tells of it. */
+#ifndef REG_TRACK_PRIVATE_H
+#define REG_TRACK_PRIVATE_H
+
+
+enum {
+    REGI_TRACK_SPARE = 8,  /* loads beyond the modes, for the search of these */
+    REGI_TRACK_PASSES = 2, /* of that search */
+    REGI_TRACK_LOOKS = 2,  /* for places, a frame */
+    REGI_TRACK_POSE = 6,   /* moves along the axes of the organ and turns about them */
+    REGI_TRACK_MODES = 96, /* at most */
+    REGI_TRACK_UNKNOWNS = REGI_TRACK_MODES + REGI_TRACK_POSE,
+    REGI_TRACK_SURPRISES = 3, /* on end are a jump */
+    REGI_TRACK_SCALES = 17,
+    REGI_TRACK_WIDE = 5 /* frames that search wide after a start or a jump */
+};
+
+/* What deviations are multiplied by when they are told: as those of an inference from views. */
+#define REGI_TRACK_ALPHA 1.7
+
+/* What is known between two steps. */
+typedef struct regi_track_known {
+    double *mean;       /* [modes] amounts of the shapes */
+    double *covariance; /* [unknowns][unknowns] of the amounts, of the pose's moves (m) and turns (rad) */
+    sb_vec3 place;      /* m: of the organ's middle */
+    sb_quat turned;     /* unit: of the organ */
+    double time, blind; /* s */
+    sb_real noise;      /* m */
+    double scale;       /* of the amounts */
+    double change;      /* and of what a frame changes of them */
+    double evidence[REGI_TRACK_SCALES], change_evidence[REGI_TRACK_SCALES]; /* log, of scales, faded */
+    sb_real usual_used, usual_innovation; /* as told of targets lately; 0: not known yet */
+    int surprises;                        /* on end */
+    int wide;                             /* frames that still search wide */
+} regi_track_known;
+
+struct reg_track {
+    sb_allocator allocator;
+    reg_track_def def; /* resolved: no zeros */
+    reg_model *model;
+    regi_response response;
+    regi_look look;
+    sb_surface *tree; /* of the skin, its own: the model's may move meanwhile */
+    void *memory;
+    int node_count, skin_count, unknowns; /* unknowns: modes + 6 */
+    regi_track_known known, next;
+    sb_vec3 *arms;      /* [nodes] m: from the middle, at the start, in the frame of the start */
+    sb_vec3 *modes;     /* [modes][nodes] m */
+    sb_vec3 *skin_arms; /* [skin nodes] */
+    double *skin_modes; /* [skin nodes][3][modes] m */
+    double *spread;     /* [unknowns][unknowns] mean over the nodes of D^T D, D what the unknowns do to a node */
+    int *patch_of;      /* [triangles of the skin] */
+    double *patch_area; /* [patches] m^2 */
+    int patch_count;
+    int waiting; /* 1: incoming[] is a target */
+    int incoming_count;
+    regi_look_point *incoming; /* [most_points] */
+    int incoming_has_camera;
+    sb_vec3 incoming_camera;
+    sb_vec3 *skin;                      /* [skin nodes] where they are (m) */
+    double *rows;                       /* [patches + 3][unknowns] over their deviations */
+    double *gaps;                       /* [patches] likewise */
+    double *forecast;                   /* [unknowns] of the state, before the target */
+    double *state;                      /* [unknowns] of the look at hand: amounts, and the pose's way in this frame */
+    double *information, *pull, *whole; /* [unknowns][unknowns] upper half, [unknowns] */
+    double *precision, *precise, *column, *turns; /* [unknowns][unknowns] twice, [unknowns]: scratch */
+    double pose_precision[REGI_TRACK_POSE * REGI_TRACK_POSE];
+    double *small, *diagonal, *beside, *along, *beyond; /* [modes][modes], [modes] */
+    double fresh;                                       /* share of this frame in the evidence */
+    /* of the search of modes */
+    double *root;                    /* [c][c] */
+    double *loads;                   /* [modes + SPARE][3 c] */
+    double *resultants;              /* [6][3 c] */
+    double *gram, *vectors, *values; /* [modes + SPARE]^2 twice, and [3 (modes + SPARE)] */
+    sb_vec3 *moved;                  /* [modes + SPARE][nodes] */
+    sb_vec3 *tractions;              /* [c] */
+    sb_vec3 *shape;                  /* [nodes] displacements, scratch */
+};
+
+/* ---- track_modes ---- */
+/* Shapes about displacements[nodes], and everything that follows from them; known begins there. Nothing has changed
+ * where it fails but scratch. */
+REGI_API sb_result regi_track_linearise(reg_track *track, const sb_vec3 *displacements, const sb_real pose_sd[2],
+                                        sb_error *error);
+
+/* covariance (m^2) of where a node is, in the frame of the target; row: [unknowns] scratch. */
+REGI_API void regi_track_covariance_of(const reg_track *track, int node, double *row, sb_mat3 *covariance);
+
+/* ---- track_frame ---- */
+/* next: what is known after dt (s) without a target. */
+REGI_API void regi_track_predict(reg_track *track, double dt);
+/* next: and with the one that waits. 0: no patch of it counts. */
+REGI_API sb_result regi_track_take_in(reg_track *track, int *counted, reg_track_info *info);
+/* Root mean square error to expect of the nodes (m). */
+REGI_API sb_real regi_track_expected(const reg_track *track, const regi_track_known *known);
+/* What is open at a start: the amounts by the prior, the pose by sd[2] (m, rad). */
+REGI_API void regi_track_open(const reg_track *track, regi_track_known *known, const sb_real sd[2]);
+
+#endif /* REG_TRACK_PRIVATE_H */
+
+/* ==== src/register/track_modes.c ==== */
+/* track_modes: the shapes that tractions of the prior give an organ, most of the motion first. */
+
+#include <math.h>
+#include <string.h>
+
+
+/* ---- loads: vectors of 3 c numbers, drawn from N(0, I) by the prior ---- */
+
+static int regi_track_load_count(const reg_track *t) { return 3 * t->model->prior.control_count; }
+static int regi_track_trial_count(const reg_track *t)
+{
+    return sbi_min_int(t->def.modes + REGI_TRACK_SPARE, regi_track_load_count(t));
+}
+
+static double regi_track_dot(const double *a, const double *b, int n)
+{
+    double sum = 0;
+    for (int i = 0; i < n; i++)
+        sum += a[i] * b[i];
+    return sum;
+}
+
+/* Takes out of a what of it is along `count` orthonormal rows (or rows of 0), twice. */
+static void regi_track_clear(double *a, const double *rows, int count, int n)
+{
+    for (int twice = 0; twice < 2; twice++)
+        for (int k = 0; k < count; k++) {
+            const double *row = rows + (size_t)k * (size_t)n;
+            double along = regi_track_dot(a, row, n);
+            for (int i = 0; i < n; i++)
+                a[i] -= along * row[i];
+        }
+}
+
+/* Makes rows[count][n] orthonormal; those that are sums of the ones before become 0. */
+static void regi_track_orthonormalise(double *rows, int count, int n)
+{
+    for (int k = 0; k < count; k++) {
+        double *row = rows + (size_t)k * (size_t)n, before = sqrt(regi_track_dot(row, row, n)), after;
+        regi_track_clear(row, rows, k, n);
+        after = sqrt(regi_track_dot(row, row, n));
+        for (int i = 0; i < n; i++)
+            row[i] = after > 1e-9 * before ? row[i] / after : 0;
+    }
+}
+
+/* loads: what unit loads do along row[nodes]. */
+static void regi_track_collect(reg_track *t, const sb_vec3 *row, double *loads)
+{
+    int c = t->model->prior.control_count;
+    sb_vec3 weight;
+    regi_prior_collect(&t->model->prior, row, t->tractions, &weight);
+    memset(loads, 0, (size_t)regi_track_load_count(t) * sizeof *loads);
+    for (int j = 0; j < c; j++)
+        for (int k = 0; k <= j; k++) {
+            double root = t->root[(size_t)j * (size_t)c + (size_t)k];
+            loads[3 * k] += root * (double)t->tractions[j].x;
+            loads[3 * k + 1] += root * (double)t->tractions[j].y;
+            loads[3 * k + 2] += root * (double)t->tractions[j].z;
+        }
+}
+
+/* forces[nodes] of loads. */
+static void regi_track_spread_loads(reg_track *t, const double *loads, sb_vec3 *forces)
+{
+    int c = t->model->prior.control_count;
+    for (int j = 0; j < c; j++) {
+        double sum[3] = {0, 0, 0};
+        for (int k = 0; k <= j; k++)
+            for (int axis = 0; axis < 3; axis++)
+                sum[axis] += t->root[(size_t)j * (size_t)c + (size_t)k] * loads[3 * k + axis];
+        t->tractions[j] = sb_v3((sb_real)sum[0], (sb_real)sum[1], (sb_real)sum[2]);
+    }
+    regi_prior_forces(&t->model->prior, t->tractions, sb_v3(0, 0, 0), forces);
+}
+
+/* Resultants that loads of an organ that nothing holds must not have: forces, and torques about the middle. */
+static int regi_track_find_resultants(reg_track *t)
+{
+    const sb_vec3 *x = sb_body_positions(t->model->body);
+    int count = t->model->held ? 0 : REGI_TRACK_POSE, n = regi_track_load_count(t);
+    for (int e = 0; e < count; e++) {
+        sb_vec3 axis = sb_v3(e % 3 == 0, e % 3 == 1, e % 3 == 2);
+        for (int i = 0; i < t->node_count; i++)
+            t->moved[i] =
+                e < 3 ? axis : sb_v3_scale(1 / t->model->size, sb_v3_cross(axis, sb_v3_sub(x[i], t->response.centre)));
+        regi_track_collect(t, t->moved, t->resultants + (size_t)e * (size_t)n);
+    }
+    regi_track_orthonormalise(t->resultants, count, n);
+    return count;
+}
+
+/* ---- the search: subspace iteration from random loads ---- */
+
+/* moved: what the loads do. */
+static void regi_track_respond(reg_track *t)
+{
+    int count = regi_track_trial_count(t), n = regi_track_load_count(t);
+    for (int k = 0; k < count; k++)
+        regi_track_spread_loads(t, t->loads + (size_t)k * (size_t)n, t->moved + (size_t)k * (size_t)t->node_count);
+    regi_response_solve(&t->response, t->moved, count);
+}
+
+/* loads: balanced, orthonormal, those that move the organ most among those that moved[] stands for. */
+static void regi_track_improve(reg_track *t, int resultants)
+{
+    int count = regi_track_trial_count(t), n = regi_track_load_count(t);
+    regi_response_solve(&t->response, t->moved, count);
+    for (int k = 0; k < count; k++) {
+        double *loads = t->loads + (size_t)k * (size_t)n;
+        regi_track_collect(t, t->moved + (size_t)k * (size_t)t->node_count, loads);
+        regi_track_clear(loads, t->resultants, resultants, n);
+    }
+    regi_track_orthonormalise(t->loads, count, n);
+}
+
+/* Products of the motions, mean over the nodes, and their eigenvectors. */
+static int regi_track_compare(reg_track *t)
+{
+    int count = regi_track_trial_count(t);
+    size_t n = (size_t)t->node_count;
+    for (int k = 0; k < count; k++)
+        for (int l = 0; l <= k; l++) {
+            double sum = 0;
+            for (size_t i = 0; i < n; i++)
+                sum += (double)sb_v3_dot(t->moved[(size_t)k * n + i], t->moved[(size_t)l * n + i]);
+            t->gram[k * count + l] = t->gram[l * count + k] = sum / (double)t->node_count;
+        }
+    return sbi_symmetric_eigen(t->gram, count, t->values, t->vectors, t->values + count);
+}
+
+/* 0: there are none. */
+static int regi_track_search(reg_track *t)
+{
+    regi_chance chance = {(uint64_t)0x9e3779b97f4a7c15u, 0, 0};
+    int count = regi_track_trial_count(t), n = regi_track_load_count(t), resultants;
+    if (!regi_prior_root(&t->model->prior, REGI_INFER_LENGTH, NULL, t->root))
+        return 0;
+    resultants = regi_track_find_resultants(t);
+    for (int k = 0; k < count * n; k++)
+        t->loads[k] = regi_chance_normal(&chance);
+    for (int k = 0; k < count; k++)
+        regi_track_clear(t->loads + (size_t)k * (size_t)n, t->resultants, resultants, n);
+    for (int pass = 0; pass < REGI_TRACK_PASSES; pass++) {
+        regi_track_respond(t);
+        regi_track_improve(t, resultants);
+    }
+    regi_track_respond(t);
+    return regi_track_compare(t) && t->values[count - 1] > 0;
+}
+
+/* ---- what follows from the shapes ---- */
+
+/* modes: of one unit of deviation each, and `motion` in all. */
+static void regi_track_keep_modes(reg_track *t)
+{
+    int count = regi_track_trial_count(t);
+    double sum = 0, scale;
+    for (int k = 0; k < t->def.modes; k++)
+        sum += t->values[count - 1 - k] > 0 ? t->values[count - 1 - k] : 0;
+    scale = (double)t->def.motion / sqrt(sum);
+    memset(t->modes, 0, (size_t)t->def.modes * (size_t)t->node_count * sizeof *t->modes);
+    for (int k = 0; k < t->def.modes; k++) {
+        const double *vector = t->vectors + (size_t)(count - 1 - k) * (size_t)count;
+        sb_vec3 *mode = t->modes + (size_t)k * (size_t)t->node_count;
+        for (int l = 0; l < count; l++)
+            for (int i = 0; i < t->node_count; i++)
+                mode[i] = sb_v3_madd(mode[i], (sb_real)(scale * vector[l]),
+                                     t->moved[(size_t)l * (size_t)t->node_count + (size_t)i]);
+    }
+}
+
+/* Arms and shapes of the skin's nodes; skin[] is scratch. */
+static void regi_track_carry_skin(reg_track *t)
+{
+    const sb_mapping *mapping = &t->model->rows.mapping;
+    size_t q = (size_t)t->def.modes;
+    sb_mapping_apply(mapping, t->arms, t->skin_arms);
+    for (size_t k = 0; k < q; k++) {
+        sb_mapping_apply(mapping, t->modes + k * (size_t)t->node_count, t->skin);
+        for (int i = 0; i < t->skin_count; i++) {
+            double *to = t->skin_modes + (size_t)i * 3 * q + k;
+            to[0] = (double)t->skin[i].x;
+            to[q] = (double)t->skin[i].y;
+            to[2 * q] = (double)t->skin[i].z;
+        }
+    }
+}
+
+/* row[unknowns]: what they do to a node along an axis of the organ. */
+static void regi_track_node_row(const reg_track *t, int node, int axis, double *row)
+{
+    sb_vec3 line = sb_v3(axis == 0, axis == 1, axis == 2), turn = sb_v3_cross(t->arms[node], line);
+    for (int k = 0; k < t->def.modes; k++)
+        row[k] = (double)sb_v3_dot(line, t->modes[(size_t)k * (size_t)t->node_count + (size_t)node]);
+    row += t->def.modes;
+    row[0] = (double)line.x, row[1] = (double)line.y, row[2] = (double)line.z;
+    row[3] = (double)turn.x, row[4] = (double)turn.y, row[5] = (double)turn.z;
+}
+
+static void regi_track_find_spread(reg_track *t)
+{
+    size_t n = (size_t)t->unknowns;
+    double share = sqrt(1.0 / t->node_count);
+    memset(t->spread, 0, n * n * sizeof *t->spread);
+    for (int i = 0; i < t->node_count; i++) {
+        for (int axis = 0; axis < 3; axis++) {
+            double *row = t->rows + (size_t)axis * n;
+            regi_track_node_row(t, i, axis, row);
+            for (size_t k = 0; k < n; k++)
+                row[k] *= share;
+        }
+        regi_gauss_add_squares(t->spread, t->unknowns, t->rows, 3, n);
+    }
+    for (size_t k = 0; k < n; k++)
+        for (size_t l = 0; l < k; l++)
+            t->spread[k * n + l] = t->spread[l * n + k];
+}
+
+REGI_API void regi_track_covariance_of(const reg_track *t, int node, double *row, sb_mat3 *covariance)
+{
+    size_t n = (size_t)t->unknowns;
+    sb_mat3 turned = sb_quat_to_mat3(t->known.turned);
+    double rows[3][REGI_TRACK_UNKNOWNS];
+    for (int axis = 0; axis < 3; axis++)
+        regi_track_node_row(t, node, axis, rows[axis]);
+    for (int a = 0; a < 3; a++) {
+        memset(row, 0, n * sizeof *row);
+        for (size_t k = 0; k < n; k++)
+            for (size_t l = 0; l < n; l++)
+                row[l] += rows[a][k] * t->known.covariance[k * n + l];
+        for (int b = 0; b < 3; b++)
+            covariance->m[a][b] =
+                (sb_real)(REGI_TRACK_ALPHA * REGI_TRACK_ALPHA * regi_track_dot(row, rows[b], t->unknowns));
+    }
+    *covariance = sb_m3_mul(turned, sb_m3_mul(*covariance, sb_m3_transpose(turned)));
+}
+
+static void regi_track_begin(reg_track *t, const reg_rigid *pose, const sb_real pose_sd[2])
+{
+    const sb_vec3 *x = sb_body_positions(t->model->body);
+    for (int i = 0; i < t->node_count; i++)
+        t->arms[i] = sb_v3_sub(x[i], t->response.centre);
+    regi_track_keep_modes(t);
+    regi_track_carry_skin(t);
+    regi_track_find_spread(t);
+    memset(t->known.mean, 0, (size_t)t->def.modes * sizeof *t->known.mean);
+    t->known.place = reg_rigid_apply(pose, t->response.centre);
+    t->known.turned = sb_quat_from_mat3(pose->rotation);
+    t->known.blind = 0;
+    t->known.surprises = 0;
+    regi_track_open(t, &t->known, pose_sd);
+}
+
+/* Puts the body to displacements[nodes], but without the rigid motion in them, which is told: shapes must not depend on
+ * the frame that the organ is seen in. */
+static sb_result regi_track_place_body(reg_track *t, const sb_vec3 *displacements, reg_rigid *pose, sb_error *error)
+{
+    const sb_vec3 *rest = t->model->mesh.nodes;
+    sb_vec3 middle = sb_v3(0, 0, 0);
+    reg_rigid back;
+    sb_result result;
+    for (int i = 0; i < t->node_count; i++)
+        t->shape[i] = sb_v3_add(rest[i], displacements[i]);
+    result = reg_rigid_fit(rest, t->shape, NULL, t->node_count, pose, error);
+    if (result != SB_OK)
+        return result;
+    back = reg_rigid_inverse(pose);
+    for (int i = 0; i < t->node_count; i++) {
+        sb_vec3 x = reg_rigid_apply(&back, t->shape[i]);
+        middle = sb_v3_madd(middle, 1 / (sb_real)(i + 1), sb_v3_sub(x, middle));
+        t->shape[i] = sb_v3_sub(x, rest[i]);
+    }
+    t->response.centre = middle;
+    sb_body_reset(t->model->body);
+    result = sb_body_set_displacements(t->model->body, t->shape);
+    return result == SB_OK ? SB_OK : sbi_fail(error, result, "the organ cannot be placed where it is to begin");
+}
+
+REGI_API sb_result regi_track_linearise(reg_track *t, const sb_vec3 *displacements, const sb_real pose_sd[2],
+                                        sb_error *error)
+{
+    reg_rigid pose;
+    sb_result result = regi_track_place_body(t, displacements, &pose, error);
+    if (result == SB_OK)
+        result = regi_response_factor(&t->response, error);
+    if (result != SB_OK)
+        return result;
+    if (!regi_track_search(t))
+        return sbi_fail(error, SB_ERROR_INDEFINITE, "no load moves the organ");
+    regi_track_begin(t, &pose, pose_sd);
+    return SB_OK;
+}
+
+/* ==== src/register/track_frame.c ==== */
+/* track_frame: what is known of an organ's pose and shape, from one frame to the next. */
+
+#include <string.h>
+
+
+/* ---- a start, and time that goes by ---- */
+
+REGI_API void regi_track_open(const reg_track *t, regi_track_known *known, const sb_real sd[2])
+{
+    size_t n = (size_t)t->unknowns;
+    memset(known->covariance, 0, n * n * sizeof *known->covariance);
+    memset(known->evidence, 0, sizeof known->evidence);
+    memset(known->change_evidence, 0, sizeof known->change_evidence);
+    known->scale = 1;
+    for (int k = 0; k < t->unknowns; k++) {
+        int pose = k - t->def.modes;
+        double deviation = pose < 0 ? known->scale : (double)sd[pose / 3];
+        known->covariance[(size_t)k * n + (size_t)k] = deviation * deviation;
+    }
+    known->wide = REGI_TRACK_WIDE;
+    known->usual_used = known->usual_innovation = 0;
+    known->surprises = 0;
+}
+
+/* Copies but for the arrays, which stay. */
+static void regi_track_copy_small(const regi_track_known *from, regi_track_known *to)
+{
+    double *mean = to->mean, *covariance = to->covariance;
+    *to = *from;
+    to->mean = mean;
+    to->covariance = covariance;
+}
+
+REGI_API void regi_track_predict(reg_track *t, double dt)
+{
+    size_t n = (size_t)t->unknowns, q = (size_t)t->def.modes;
+    double kept = sbi_dense_exp(-dt / (double)t->def.memory);
+    regi_track_copy_small(&t->known, &t->next);
+    for (size_t k = 0; k < q; k++)
+        t->next.mean[k] = kept * t->known.mean[k];
+    for (size_t k = 0; k < n; k++)
+        for (size_t l = 0; l < n; l++)
+            t->next.covariance[k * n + l] = (k < q ? kept : 1) * (l < q ? kept : 1) * t->known.covariance[k * n + l];
+    for (size_t k = 0; k < n; k++) {
+        double rate = (double)(k < q + 3 ? t->def.wander : t->def.turn);
+        t->next.covariance[k * n + k] += k < q ? (1 - kept * kept) * t->known.scale * t->known.scale : rate * rate * dt;
+    }
+    t->next.time += dt;
+    t->next.blind += dt;
+}
+
+REGI_API sb_real regi_track_expected(const reg_track *t, const regi_track_known *known)
+{
+    size_t n = (size_t)t->unknowns;
+    double sum = 0;
+    for (size_t k = 0; k < n * n; k++)
+        sum += known->covariance[k] * t->spread[k];
+    return (sb_real)REGI_TRACK_ALPHA * sb_sqrt((sb_real)(sum > 0 ? sum : 0));
+}
+
+/* ---- looking ---- */
+
+/* The pose of the state at hand. */
+static void regi_track_pose(const reg_track *t, sb_vec3 *place, sb_quat *turned)
+{
+    const double *way = t->state + t->def.modes;
+    sb_vec3 move = sb_v3((sb_real)way[0], (sb_real)way[1], (sb_real)way[2]);
+    sb_vec3 turn = sb_v3((sb_real)way[3], (sb_real)way[4], (sb_real)way[5]);
+    *place = sb_v3_add(t->next.place, sb_m3_apply(sb_quat_to_mat3(t->next.turned), move));
+    *turned = sb_quat_normalise(sb_quat_mul(t->next.turned, sb_quat_from_rotation_vector(turn)));
+}
+
+/* Moves the skin to the state at hand. */
+static sb_result regi_track_move_skin(reg_track *t, sb_vec3 place, sb_mat3 rotation, sb_error *error)
+{
+    size_t q = (size_t)t->def.modes;
+    for (int i = 0; i < t->skin_count; i++) {
+        const double *mode = t->skin_modes + (size_t)i * 3 * q;
+        double sum[3] = {0, 0, 0};
+        for (int axis = 0; axis < 3; axis++)
+            for (size_t k = 0; k < q; k++)
+                sum[axis] += mode[(size_t)axis * q + k] * t->state[k];
+        t->skin[i] = sb_v3_add(t->skin_arms[i], sb_v3((sb_real)sum[0], (sb_real)sum[1], (sb_real)sum[2]));
+        t->skin[i] = sb_v3_add(place, sb_m3_apply(rotation, t->skin[i]));
+    }
+    return sb_surface_move(t->tree, t->skin, &t->model->jobs, error);
+}
+
+/* Finds the places of the points that came in, and sorts them by the patch that these are in. */
+static void regi_track_sort_points(reg_track *t)
+{
+    int *start = t->look.patch_start;
+    memset(start, 0, (size_t)(t->patch_count + 1) * sizeof *start);
+    for (int i = 0; i < t->incoming_count; i++) {
+        regi_look_point *p = t->incoming + i;
+        regi_look_place(&t->look, p);
+        p->patch = p->triangle < 0 ? 0 : t->patch_of[p->triangle];
+        start[p->patch + 1]++;
+    }
+    for (int s = 0; s < t->patch_count; s++)
+        start[s + 1] += start[s];
+    for (int i = 0; i < t->incoming_count; i++)
+        t->look.points[start[t->incoming[i].patch]++] = t->incoming[i];
+    memmove(start + 1, start, (size_t)t->patch_count * sizeof *start);
+    start[0] = 0;
+    t->look.point_count = t->incoming_count;
+}
+
+/* How far off points are followed at least (m): as far as is expected, and a coarse model may be off; in the frames
+ * after a start as far as loads may well have moved the organ. */
+static sb_real regi_track_early_limit(const reg_track *t)
+{
+    sb_real size = t->model->size, wide = (sb_real)0.08 * size;
+    sb_real limit = sb_max((sb_real)0.01 * size, sb_min(wide, 3 * regi_track_expected(t, &t->next)));
+    for (int k = t->next.wide; k < REGI_TRACK_WIDE; k++)
+        wide *= (sb_real)0.5;
+    return t->next.wide > 0 ? sb_max(wide, limit) : limit;
+}
+
+static sb_result regi_track_look(reg_track *t, sb_error *error)
+{
+    sb_vec3 place;
+    sb_quat turned;
+    sb_result result;
+    regi_track_pose(t, &place, &turned);
+    result = regi_track_move_skin(t, place, sb_quat_to_mat3(turned), error);
+    if (result != SB_OK)
+        return result;
+    regi_track_sort_points(t);
+    regi_look_judge(&t->look, regi_track_early_limit(t), t->next.wide > 0 ? 4 : 6);
+    return SB_OK;
+}
+
+/* ---- rows ---- */
+
+/* Adds what the state does to a point along its plane's normal. */
+static void regi_track_add_point(const reg_track *t, const regi_look_point *p, sb_vec3 place, sb_mat3 rotation,
+                                 double *row)
+{
+    size_t q = (size_t)t->def.modes;
+    const int *corners = t->model->skin.elements + 3 * (size_t)p->triangle;
+    sb_vec3 line = sb_v3_scale(p->share, sb_m3_tapply(rotation, p->plane));
+    sb_vec3 turn = sb_v3_cross(sb_m3_tapply(rotation, sb_v3_sub(p->place, place)), line);
+    for (int c = 0; c < 3; c++) {
+        const double *mode = t->skin_modes + (size_t)corners[c] * 3 * q;
+        double w = (double)p->corner[c], x = w * (double)line.x, y = w * (double)line.y, z = w * (double)line.z;
+        for (size_t k = 0; k < q; k++)
+            row[k] += x * mode[k] + y * mode[q + k] + z * mode[2 * q + k];
+    }
+    row += q;
+    row[0] += (double)line.x, row[1] += (double)line.y, row[2] += (double)line.z;
+    row[3] += (double)turn.x, row[4] += (double)turn.y, row[5] += (double)turn.z;
+}
+
+/* The row of a patch and its gap, over its deviation. */
+static void regi_track_fill_row(reg_track *t, int patch, sb_vec3 place, sb_mat3 rotation, double *row, double *gap)
+{
+    double misfit = (double)t->def.misfit, scale = regi_look_share_patch(&t->look, patch);
+    scale = 1 / (double)sb_sqrt((sb_real)(scale + misfit * misfit));
+    memset(row, 0, (size_t)t->unknowns * sizeof *row);
+    *gap = 0;
+    for (int i = t->look.patch_start[patch]; i < t->look.patch_start[patch + 1]; i++) {
+        const regi_look_point *p = t->look.points + i;
+        if (!(p->share > 0) || p->triangle < 0)
+            continue;
+        *gap += scale * (double)(p->share * p->gap);
+        regi_track_add_point(t, p, place, rotation, row);
+    }
+    for (int k = 0; k < t->unknowns; k++)
+        row[k] *= scale;
+}
+
+/* Rows and gaps of the patches that count; returns how many, and what share of the surface they are. */
+static int regi_track_fill_rows(reg_track *t, sb_real *seen)
+{
+    sb_real least = regi_look_least_trust(&t->look);
+    int count = 0;
+    double area = 0;
+    sb_vec3 place;
+    sb_quat turned;
+    sb_mat3 rotation;
+    regi_track_pose(t, &place, &turned);
+    rotation = sb_quat_to_mat3(turned);
+    for (int s = 0; s < t->patch_count; s++)
+        if (regi_look_patch_trust(&t->look, s) > least) {
+            regi_track_fill_row(t, s, place, rotation, t->rows + (size_t)count * (size_t)t->unknowns, t->gaps + count);
+            area += t->patch_area[s];
+            count++;
+        }
+    *seen = (sb_real)(area / t->model->area);
+    return count;
+}
+
+/* ---- the filter ---- */
+
+/* inverse[n][n] of the factor at hand. */
+static void regi_track_invert(const double *factor, int n, double *column, double *inverse)
+{
+    for (int k = 0; k < n; k++) {
+        memset(column, 0, (size_t)n * sizeof *column);
+        column[k] = 1;
+        regi_gauss_substitute(factor, n, (size_t)n, column);
+        for (int l = 0; l <= k; l++)
+            inverse[(size_t)k * (size_t)n + (size_t)l] = inverse[(size_t)l * (size_t)n + (size_t)k] = column[l];
+    }
+}
+
+/* information: what rows tell of the state; pull: where they draw it from the forecast, and whole: from amounts of 0.
+ */
+static void regi_track_gather(reg_track *t, int count)
+{
+    size_t n = (size_t)t->unknowns;
+    memset(t->information, 0, n * n * sizeof *t->information);
+    regi_gauss_add_squares(t->information, t->unknowns, t->rows, count, n);
+    memset(t->pull, 0, n * sizeof *t->pull);
+    memset(t->whole, 0, n * sizeof *t->whole);
+    for (int i = 0; i < count; i++) {
+        const double *row = t->rows + (size_t)i * n;
+        double now = 0, before = 0;
+        for (size_t k = 0; k < n; k++) {
+            now += row[k] * t->state[k];
+            before += row[k] * t->forecast[k];
+        }
+        for (size_t k = 0; k < n; k++) {
+            t->pull[k] += (t->gaps[i] + now - before) * row[k];
+            t->whole[k] += (t->gaps[i] + now) * row[k];
+        }
+    }
+}
+
+/* Squared gaps over what was expected of them before the target, mean. The state is the forecast. -1: not positive. */
+static double regi_track_surprise(reg_track *t, int count)
+{
+    size_t n = (size_t)t->unknowns;
+    double squares = 0, explained = 0;
+    memcpy(t->precise, t->next.covariance, n * n * sizeof *t->precise);
+    if (!regi_gauss_cholesky(t->precise, t->unknowns, n))
+        return -1;
+    regi_track_invert(t->precise, t->unknowns, t->column, t->precision);
+    for (size_t k = 0; k < n * n; k++)
+        t->precise[k] = t->precision[k] + t->information[k];
+    if (!regi_gauss_cholesky(t->precise, t->unknowns, n))
+        return -1;
+    memset(t->column, 0, n * sizeof *t->column);
+    for (int i = 0; i < count; i++) {
+        squares += t->gaps[i] * t->gaps[i];
+        for (size_t k = 0; k < n; k++)
+            t->column[k] += t->gaps[i] * t->rows[(size_t)i * n + k];
+    }
+    memcpy(t->precision, t->column, n * sizeof *t->precision); /* is not needed any more */
+    regi_gauss_substitute(t->precise, t->unknowns, n, t->column);
+    for (size_t k = 0; k < n; k++)
+        explained += t->column[k] * t->precision[k];
+    return (squares - explained) / count;
+}
+
+/* prior[6][6]: the precision of the pose before the target. 0: it is not positive. */
+static int regi_track_weigh_pose(reg_track *t)
+{
+    double factor[REGI_TRACK_POSE * REGI_TRACK_POSE];
+    size_t n = (size_t)t->unknowns, q = (size_t)t->def.modes;
+    for (size_t k = 0; k < REGI_TRACK_POSE; k++)
+        for (size_t l = 0; l < REGI_TRACK_POSE; l++)
+            factor[k * REGI_TRACK_POSE + l] = t->next.covariance[(q + k) * n + q + l];
+    if (!regi_gauss_cholesky(factor, REGI_TRACK_POSE, REGI_TRACK_POSE))
+        return 0;
+    regi_track_invert(factor, REGI_TRACK_POSE, t->column, t->pose_precision);
+    return 1;
+}
+
+/* precise: the upper half of information and the pose's prior. */
+static void regi_track_add_pose_prior(reg_track *t)
+{
+    size_t n = (size_t)t->unknowns, q = (size_t)t->def.modes;
+    memcpy(t->precise, t->information, n * n * sizeof *t->precise);
+    for (size_t k = 0; k < REGI_TRACK_POSE; k++)
+        for (size_t l = k; l < REGI_TRACK_POSE; l++)
+            t->precise[(q + k) * n + q + l] += t->pose_precision[k * REGI_TRACK_POSE + l];
+}
+
+/* along[q]: pull without what the pose, of this factor, takes of it. */
+static void regi_track_reduce_pull(const reg_track *t, const double *factor, const double *pull, double *along)
+{
+    size_t n = (size_t)t->unknowns, q = (size_t)t->def.modes;
+    double part[REGI_TRACK_POSE];
+    memcpy(part, pull + q, sizeof part);
+    regi_gauss_substitute(factor, REGI_TRACK_POSE, REGI_TRACK_POSE, part);
+    for (size_t a = 0; a < q; a++) {
+        along[a] = pull[a];
+        for (size_t k = 0; k < REGI_TRACK_POSE; k++)
+            along[a] -= t->precise[a * n + q + k] * part[k];
+    }
+}
+
+/* Takes the pose out of information, pull and whole: small[q][q], full, along[q] and beyond[q] are of the amounts
+ * alone. */
+static int regi_track_reduce(reg_track *t)
+{
+    size_t n = (size_t)t->unknowns, q = (size_t)t->def.modes;
+    double factor[REGI_TRACK_POSE * REGI_TRACK_POSE];
+    regi_track_add_pose_prior(t);
+    for (size_t k = 0; k < REGI_TRACK_POSE; k++)
+        for (size_t l = k; l < REGI_TRACK_POSE; l++)
+            factor[k * REGI_TRACK_POSE + l] = t->precise[(q + k) * n + q + l];
+    if (!regi_gauss_cholesky(factor, REGI_TRACK_POSE, REGI_TRACK_POSE))
+        return 0;
+    regi_track_reduce_pull(t, factor, t->pull, t->along);
+    regi_track_reduce_pull(t, factor, t->whole, t->beyond);
+    for (size_t a = 0; a < q; a++) {
+        double solved[REGI_TRACK_POSE];
+        memcpy(solved, t->precise + a * n + q, sizeof solved);
+        regi_gauss_substitute(factor, REGI_TRACK_POSE, REGI_TRACK_POSE, solved);
+        for (size_t b = a; b < q; b++) {
+            double sum = t->precise[a * n + b];
+            for (size_t k = 0; k < REGI_TRACK_POSE; k++)
+                sum -= solved[k] * t->precise[b * n + q + k];
+            t->small[a * q + b] = t->small[b * q + a] = sum;
+        }
+    }
+    return 1;
+}
+
+/* log evidence of a scale of the amounts, by elimination of small made tridiagonal; along is turned with it. */
+static double regi_track_evidence(const reg_track *t, const double *along, double scale)
+{
+    double square = scale * scale, pivot = 1, part = 0, sum = 0;
+    for (int k = 0; k < t->def.modes; k++) {
+        double beside = k > 0 ? square * t->beside[k - 1] : 0, ratio = beside / pivot;
+        pivot = 1 + square * t->diagonal[k] - ratio * beside;
+        pivot = pivot > 1 ? pivot : 1; /* for rounding */
+        part = along[k] - ratio * part;
+        sum += square * part * part / pivot - sbi_dense_log(pivot);
+    }
+    return 0.5 * sum;
+}
+
+/* The scale of the most evidence, faded in, of those from 1/128 to 2, a factor of sqrt2 apart. */
+static double regi_track_best_scale(const reg_track *t, const double *along, double fresh, double *evidence)
+{
+    double scale = 0.0078125, best = scale, most = 0;
+    for (int k = 0; k < REGI_TRACK_SCALES; k++) {
+        evidence[k] += fresh * (regi_track_evidence(t, along, scale) - evidence[k]);
+        if (k == 0 || evidence[k] > most) {
+            most = evidence[k];
+            best = scale;
+        }
+        scale *= 1.4142135623730951;
+    }
+    return best;
+}
+
+/* Chooses the scales: of the change since the forecast, and of the amounts. */
+static int regi_track_choose(reg_track *t)
+{
+    if (!regi_track_reduce(t))
+        return 0;
+    sbi_symmetric_tridiagonalise(t->small, t->def.modes, t->diagonal, t->beside, t->column, t->turns);
+    sbi_symmetric_turn(t->small, t->def.modes, t->column, t->along);
+    sbi_symmetric_turn(t->small, t->def.modes, t->column, t->beyond);
+    t->next.change = regi_track_best_scale(t, t->along, t->fresh, t->next.change_evidence);
+    t->next.scale = regi_track_best_scale(t, t->beyond, t->fresh, t->next.evidence);
+    return t->diagonal[t->def.modes - 1] < 1e300; /* not NaN */
+}
+
+/* precise: the factor of information, the pose before, and amounts of a scale. 0: not positive. */
+static int regi_track_factor(reg_track *t, double scale)
+{
+    size_t n = (size_t)t->unknowns;
+    regi_track_add_pose_prior(t);
+    for (int k = 0; k < t->def.modes; k++)
+        t->precise[(size_t)k * n + (size_t)k] += 1 / (scale * scale);
+    return regi_gauss_cholesky(t->precise, t->unknowns, n);
+}
+
+/* The state that information and pull, the pose before and a change of the scale suggest. */
+static int regi_track_solve(reg_track *t)
+{
+    size_t n = (size_t)t->unknowns;
+    if (!regi_track_factor(t, t->next.change))
+        return 0;
+    memcpy(t->state, t->pull, n * sizeof *t->state);
+    regi_gauss_substitute(t->precise, t->unknowns, n, t->state);
+    for (size_t k = 0; k < n; k++)
+        t->state[k] += t->forecast[k];
+    return t->state[0] < 1e300; /* not NaN */
+}
+
+/* next: the state at hand. What is open of it is what amounts of their scale leave open, not the change alone: what
+ * the frames before were off by, this one is, too. */
+static int regi_track_settle(reg_track *t)
+{
+    sb_vec3 place;
+    sb_quat turned;
+    if (!regi_track_factor(t, t->next.scale))
+        return 0;
+    regi_track_pose(t, &place, &turned);
+    t->next.place = place;
+    t->next.turned = turned;
+    memcpy(t->next.mean, t->state, (size_t)t->def.modes * sizeof *t->state);
+    regi_track_invert(t->precise, t->unknowns, t->column, t->next.covariance);
+    t->next.noise = t->look.noise;
+    t->next.blind = 0;
+    return 1;
+}
+
+static sb_result regi_track_take_look(reg_track *t, int look, int *counted, reg_track_info *info)
+{
+    sb_real p95;
+    sb_result result = regi_track_look(t, &info->error);
+    if (result != SB_OK)
+        return result;
+    *counted = regi_track_fill_rows(t, &info->seen);
+    regi_look_measure(&t->look, &info->used, &info->residual, &p95);
+    if (*counted == 0)
+        return SB_OK;
+    regi_track_gather(t, *counted);
+    if (look == 0) {
+        info->innovation = (sb_real)regi_track_surprise(t, *counted);
+        if (info->innovation < 0 || !regi_track_choose(t))
+            return sbi_fail(&info->error, SB_ERROR_INDEFINITE, "what is known of the organ is not positive any more");
+    }
+    if (!regi_track_solve(t))
+        return sbi_fail(&info->error, SB_ERROR_INDEFINITE, "the target cannot be taken in");
+    return SB_OK;
+}
+
+REGI_API sb_result regi_track_take_in(reg_track *t, int *counted, reg_track_info *info)
+{
+    sb_result result = SB_OK;
+    memset(t->state, 0, (size_t)t->unknowns * sizeof *t->state);
+    memcpy(t->state, t->next.mean, (size_t)t->def.modes * sizeof *t->state);
+    memcpy(t->forecast, t->state, (size_t)t->unknowns * sizeof *t->state);
+    t->look.has_camera = t->incoming_has_camera;
+    t->look.camera = t->incoming_camera;
+    *counted = 0;
+    if (!regi_track_weigh_pose(t))
+        return sbi_fail(&info->error, SB_ERROR_INDEFINITE, "what is known of the pose is not positive any more");
+    for (int look = 0; look < REGI_TRACK_LOOKS && (look == 0 || *counted > 0); look++) {
+        result = regi_track_take_look(t, look, counted, info);
+        if (result != SB_OK)
+            return result;
+    }
+    if (*counted > 0 && !regi_track_settle(t))
+        return sbi_fail(&info->error, SB_ERROR_INDEFINITE, "the target cannot be taken in");
+    info->noise = t->look.noise;
+    return result;
+}
+
+/* ==== src/register/track.c ==== */
+/* track: see track.h. */
+
+#include <string.h>
+
+
+#define REGI_TRACK_COOKIE 0x7472616bu
+/* s: evidence of scales fades in that. */
+#define REGI_TRACK_FADES 0.1
+
+REG_API reg_track_def reg_default_track_def(void)
+{
+    reg_track_def def;
+    memset(&def, 0, sizeof def);
+    def.pose = reg_rigid_identity();
+    def.modes = 48;
+    def.patches = 300;
+    def.most_points = 2000;
+    def.memory = 1;
+    def.lost_after = 0.5;
+    def.cookie = REGI_TRACK_COOKIE;
+    return def;
+}
+
+/* ---- checks ---- */
+
+static int regi_track_in(sb_real value, sb_real low, sb_real high) { return value >= low && value <= high; }
+
+static sb_result regi_track_check_numbers(const reg_track_def *def, sb_error *error)
+{
+    sb_real far = 100 * def->model->size;
+    if (def->modes < 1 || def->modes > REGI_TRACK_MODES || def->patches < 30 || def->patches > 1000 ||
+        def->most_points < 1 || def->most_points > 10000000)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "%d modes, %d patches, %d points at most: out of range", def->modes,
+                        def->patches, def->most_points);
+    if (!regi_track_in(def->pose_sd, 0, far) || !regi_track_in(def->motion, 0, far) ||
+        !regi_track_in(def->wander, 0, far) || !regi_track_in(def->misfit, 0, far))
+        return sbi_fail(error, SB_ERROR_ARGUMENT,
+                        "pose_sd %g, motion %g, wander %g, misfit %g: not from 0 to 100 sizes of the organ",
+                        (double)def->pose_sd, (double)def->motion, (double)def->wander, (double)def->misfit);
+    if (!regi_track_in(def->pose_turn, 0, 10) || !regi_track_in(def->turn, 0, 10) ||
+        !(def->memory > 0 && sb_is_finite(def->memory)) || !(def->lost_after > 0))
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "pose_turn %g, turn %g, memory %g, lost_after %g: out of range",
+                        (double)def->pose_turn, (double)def->turn, (double)def->memory, def->lost_after);
+    return SB_OK;
+}
+
+static sb_result regi_track_check(const reg_track_def *def, sb_error *error)
+{
+    if (!def || def->cookie != REGI_TRACK_COOKIE || !def->model)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "a tracker needs a def made by reg_default_track_def, and a model");
+    if (def->start && def->start->model != def->model)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "the start is of another model");
+    if (!regi_infer_is_motion(&def->pose))
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "the pose is no rigid motion");
+    return regi_track_check_numbers(def, error);
+}
+
+/* Fills in what the caller left open. */
+static void regi_track_resolve(reg_track *t)
+{
+    reg_track_def *def = &t->def;
+    sb_real size = t->model->size;
+    const reg_quality *found = def->start ? &def->start->quality : NULL;
+    def->modes = sbi_min_int(def->modes, 3 * t->model->prior.control_count);
+    def->motion = def->motion > 0 ? def->motion : (sb_real)0.03 * size;
+    def->wander = def->wander > 0 ? def->wander : (sb_real)0.04 * size;
+    def->turn = def->turn > 0 ? def->turn : (sb_real)0.15;
+    if (!(def->misfit > 0))
+        def->misfit = found ? found->misfit : (sb_real)regi_infer_least_misfit(t->model);
+    if (!(def->pose_sd > 0))
+        def->pose_sd = found ? found->pose_sd[0] : (sb_real)0.02 * size;
+    if (!(def->pose_turn > 0))
+        def->pose_turn = found ? found->pose_sd[1] : (sb_real)0.05;
+}
+
+/* ---- life ---- */
+
+static void regi_track_layout_search(reg_track *t, sbi_arena *arena)
+{
+    size_t c = (size_t)t->model->prior.control_count, trials = (size_t)t->def.modes + REGI_TRACK_SPARE;
+    size_t real = sizeof(double), vec = sizeof(sb_vec3), nodes = (size_t)t->node_count;
+    t->root = (double *)sbi_arena_take(arena, c, c * real);
+    t->loads = (double *)sbi_arena_take(arena, trials, 3 * c * real);
+    t->resultants = (double *)sbi_arena_take(arena, REGI_TRACK_POSE, 3 * c * real);
+    t->gram = (double *)sbi_arena_take(arena, trials, trials * real);
+    t->vectors = (double *)sbi_arena_take(arena, trials, trials * real);
+    t->values = (double *)sbi_arena_take(arena, trials, 3 * real);
+    t->moved = (sb_vec3 *)sbi_arena_take(arena, nodes, trials * vec);
+    t->tractions = (sb_vec3 *)sbi_arena_take(arena, c, vec);
+    t->shape = (sb_vec3 *)sbi_arena_take(arena, nodes, vec);
+}
+
+static void regi_track_layout_known(const reg_track *t, regi_track_known *known, sbi_arena *arena)
+{
+    size_t n = (size_t)t->unknowns;
+    known->mean = (double *)sbi_arena_take(arena, n, sizeof(double));
+    known->covariance = (double *)sbi_arena_take(arena, n, n * sizeof(double));
+}
+
+static void regi_track_layout(reg_track *t, sbi_arena *arena)
+{
+    size_t nodes = (size_t)t->node_count, skin = (size_t)t->skin_count, q = (size_t)t->def.modes;
+    size_t n = (size_t)t->unknowns, points = (size_t)t->def.most_points, patches = (size_t)t->def.patches;
+    size_t real = sizeof(double), vec = sizeof(sb_vec3);
+    regi_response_layout(&t->response, t->node_count, arena);
+    regi_track_layout_known(t, &t->known, arena);
+    regi_track_layout_known(t, &t->next, arena);
+    t->arms = (sb_vec3 *)sbi_arena_take(arena, nodes, vec);
+    t->modes = (sb_vec3 *)sbi_arena_take(arena, nodes, q * vec);
+    t->skin_arms = (sb_vec3 *)sbi_arena_take(arena, skin, vec);
+    t->skin_modes = (double *)sbi_arena_take(arena, skin, 3 * q * real);
+    t->spread = (double *)sbi_arena_take(arena, n, n * real);
+    t->patch_of = (int *)sbi_arena_take(arena, (size_t)t->model->skin.element_count, sizeof(int));
+    t->patch_area = (double *)sbi_arena_take(arena, patches, real);
+    t->incoming = (regi_look_point *)sbi_arena_take(arena, points, sizeof(regi_look_point));
+    t->look.points = (regi_look_point *)sbi_arena_take(arena, points, sizeof(regi_look_point));
+    t->look.patch_start = (int *)sbi_arena_take(arena, patches + 1, sizeof(int));
+    t->look.sort = (sb_real *)sbi_arena_take(arena, points + patches, sizeof(sb_real));
+    t->skin = (sb_vec3 *)sbi_arena_take(arena, skin, vec);
+    t->rows = (double *)sbi_arena_take(arena, patches + 3, n * real);
+    t->gaps = (double *)sbi_arena_take(arena, patches, real);
+    t->information = (double *)sbi_arena_take(arena, n, n * real);
+    t->beyond = (double *)sbi_arena_take(arena, q, real);
+    t->whole = (double *)sbi_arena_take(arena, n, real);
+    t->pull = (double *)sbi_arena_take(arena, n, real);
+    t->forecast = (double *)sbi_arena_take(arena, n, real);
+    t->small = (double *)sbi_arena_take(arena, q, q * real);
+    t->diagonal = (double *)sbi_arena_take(arena, q, real);
+    t->beside = (double *)sbi_arena_take(arena, q, real);
+    t->along = (double *)sbi_arena_take(arena, q, real);
+    t->turns = (double *)sbi_arena_take(arena, n, real);
+    t->state = (double *)sbi_arena_take(arena, n, real);
+    t->precision = (double *)sbi_arena_take(arena, n, n * real);
+    t->precise = (double *)sbi_arena_take(arena, n, n * real);
+    t->column = (double *)sbi_arena_take(arena, n, real);
+    regi_track_layout_search(t, arena);
+}
+
+static sb_result regi_track_allocate(reg_track *t, sb_error *error)
+{
+    sbi_arena arena = {NULL, 0, 0};
+    sb_result result;
+    regi_track_layout(t, &arena);
+    t->memory = arena.overflow ? NULL : sbi_alloc_zeroed(&t->allocator, 1, arena.used);
+    if (!t->memory)
+        return sbi_fail(error, SB_ERROR_MEMORY, "no memory for a tracker of %d nodes", t->node_count);
+    arena.base = (unsigned char *)t->memory;
+    arena.used = 0;
+    regi_track_layout(t, &arena);
+    result = sb_surface_create(&t->model->skin, &t->allocator, &t->tree, error);
+    return result == SB_OK ? sbi_body_make_factor(t->model->body, &t->allocator, &t->response.direct, error) : result;
+}
+
+/* Patches of the skin: triangles by the closest of vertices spread evenly. */
+static sb_result regi_track_cut_skin(reg_track *t, sb_error *error)
+{
+    const sb_mesh *skin = &t->model->skin;
+    int patches = sbi_min_int(t->def.patches, skin->node_count);
+    int *chosen = (int *)sbi_alloc(&t->allocator, (size_t)patches, sizeof *chosen);
+    sb_real *scratch = (sb_real *)sbi_alloc(&t->allocator, (size_t)skin->node_count, sizeof *scratch);
+    if (chosen && scratch)
+        t->patch_count = reg_cloud_spread(skin->nodes, skin->node_count, patches, chosen, scratch);
+    sbi_free(&t->allocator, scratch);
+    for (int e = 0; chosen && e < skin->element_count; e++) {
+        const int *c = skin->elements + 3 * (size_t)e;
+        sb_vec3 a = skin->nodes[c[0]], b = skin->nodes[c[1]], d = skin->nodes[c[2]];
+        sb_vec3 middle = sb_v3_scale((sb_real)(1.0 / 3), sb_v3_add(a, sb_v3_add(b, d)));
+        sb_real nearest = SB_REAL_MAX;
+        for (int s = 0; s < t->patch_count; s++) {
+            sb_vec3 way = sb_v3_sub(middle, skin->nodes[chosen[s]]);
+            if (sb_v3_dot(way, way) < nearest) {
+                nearest = sb_v3_dot(way, way);
+                t->patch_of[e] = s;
+            }
+        }
+        t->patch_area[t->patch_of[e]] += 0.5 * (double)sb_v3_norm(sb_v3_cross(sb_v3_sub(b, a), sb_v3_sub(d, a)));
+    }
+    t->look.patch_count = t->patch_count;
+    sbi_free(&t->allocator, chosen);
+    return t->patch_count > 0
+               ? SB_OK
+               : sbi_fail(error, SB_ERROR_MEMORY, "no memory for the patches of %d vertices", skin->node_count);
+}
+
+/* shape: where the organ is to begin, as displacements. */
+static void regi_track_shape_of(reg_track *t, const reg_infer *start, const reg_rigid *pose)
+{
+    const sb_vec3 *rest = t->model->mesh.nodes;
+    for (int i = 0; i < t->node_count; i++)
+        t->shape[i] = start ? start->shape[i] : sb_v3_sub(reg_rigid_apply(pose, rest[i]), rest[i]);
+}
+
+static void regi_track_pose_sd(const reg_track *t, sb_real sd[2])
+{
+    sd[0] = t->def.pose_sd;
+    sd[1] = t->def.pose_turn;
+}
+
+static sb_result regi_track_make(reg_track *t, sb_error *error)
+{
+    sb_real sd[2];
+    sb_result result;
+    t->node_count = t->model->mesh.node_count;
+    t->skin_count = t->model->skin.node_count;
+    regi_track_resolve(t);
+    t->unknowns = t->def.modes + REGI_TRACK_POSE;
+    t->response.model = t->model;
+    t->look.size = t->model->size;
+    result = regi_track_allocate(t, error);
+    if (result == SB_OK)
+        result = regi_track_cut_skin(t, error);
+    if (result != SB_OK)
+        return result;
+    t->look.tree = t->tree;
+    regi_track_shape_of(t, t->def.start, &t->def.pose);
+    regi_track_pose_sd(t, sd);
+    return regi_track_linearise(t, t->shape, sd, error);
+}
+
+REG_API sb_result reg_track_create(const reg_track_def *def, reg_track **track, sb_error *error)
+{
+    reg_track *made;
+    sb_result result = regi_track_check(def, error);
+    if (result == SB_OK && !track)
+        result = sbi_fail(error, SB_ERROR_ARGUMENT, "no place for a tracker");
+    if (result != SB_OK)
+        return result;
+    made = (reg_track *)sbi_alloc_zeroed(&def->model->allocator, 1, sizeof *made);
+    if (!made)
+        return sbi_fail(error, SB_ERROR_MEMORY, "no memory for a tracker");
+    made->allocator = def->model->allocator;
+    made->model = def->model;
+    made->def = *def;
+    result = regi_track_make(made, error);
+    made->def.start = NULL;
+    if (result == SB_OK)
+        *track = made;
+    else
+        reg_track_destroy(made);
+    return result;
+}
+
+REG_API void reg_track_destroy(reg_track *track)
+{
+    sb_allocator allocator;
+    if (!track)
+        return;
+    allocator = track->allocator;
+    sb_direct_free(track->response.direct);
+    sb_surface_destroy(track->tree);
+    sbi_free(&allocator, track->memory);
+    sbi_free(&allocator, track);
+}
+
+REG_API sb_result reg_track_restart(reg_track *track, const reg_infer *start, sb_error *error)
+{
+    sb_real sd[2];
+    if (!track || (start && start->model != track->model))
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "a restart needs a tracker, and no inference of another model");
+    if (start)
+        regi_track_shape_of(track, start, NULL);
+    else
+        (void)reg_track_displacements(track, track->shape);
+    regi_track_pose_sd(track, sd);
+    return regi_track_linearise(track, track->shape, sd, error);
+}
+
+/* ---- frames ---- */
+
+REG_API sb_result reg_track_set_target(reg_track *track, const reg_points *target, sb_error *error)
+{
+    sb_result result;
+    if (!track || !target || target->surface)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "a tracker needs a target of points");
+    result = regi_infer_check_points(target, error);
+    if (result == SB_OK && target->count > track->def.most_points)
+        result = sbi_fail(error, SB_ERROR_ARGUMENT, "%d points are more than the %d that the tracker has room for",
+                          target->count, track->def.most_points);
+    if (result != SB_OK)
+        return result;
+    for (int i = 0; i < target->count; i++)
+        regi_look_take(track->incoming + i, target->points[i], target->normals ? target->normals[i] : sb_v3(0, 0, 0),
+                       target->weights ? target->weights[i] : 1, target->sd ? target->sd[i] : 0);
+    track->incoming_count = target->count;
+    track->incoming_has_camera = target->has_camera;
+    track->incoming_camera = target->camera;
+    track->waiting = 1;
+    return SB_OK;
+}
+
+/* 1 when a target agrees with nothing that was expected: its gaps are larger than what is usual, or far fewer of its
+ * points can be believed. The first target is usual. */
+static int regi_track_is_surprise(regi_track_known *next, const reg_track_info *info)
+{
+    sb_real fresh = next->usual_used > 0 ? (sb_real)0.1 : 1;
+    if (fresh < 1 &&
+        (info->innovation > 3 * sb_max(1, next->usual_innovation) || info->used < (sb_real)0.75 * next->usual_used))
+        return 1;
+    next->usual_used += fresh * (info->used - next->usual_used);
+    next->usual_innovation += fresh * (info->innovation - next->usual_innovation);
+    return 0;
+}
+
+/* next: whether the organ agrees with what was expected of it; three targets on end that do not are a jump. */
+static void regi_track_judge(reg_track *t, int counted, reg_track_info *info)
+{
+    regi_track_known *next = &t->next;
+    sb_real sd[2];
+    info->state = REG_TRACK_PREDICTS;
+    if (counted > 0) {
+        info->state = REG_TRACK_FOLLOWS;
+        next->surprises = next->wide == 0 && regi_track_is_surprise(next, info) ? next->surprises + 1 : 0;
+        next->wide -= next->wide > 0;
+    }
+    if (next->surprises == REGI_TRACK_SURPRISES) {
+        regi_track_pose_sd(t, sd);
+        regi_track_open(t, next, sd);
+        info->state = REG_TRACK_JUMPED;
+    }
+    if (next->blind > t->def.lost_after)
+        info->state = REG_TRACK_LOST;
+}
+
+static double regi_track_now(const reg_track *t) { return t->def.clock ? t->def.clock() : 0.0; }
+
+REG_API sb_result reg_track_step(reg_track *track, double dt, reg_track_info *info)
+{
+    reg_track_info told;
+    regi_track_known before;
+    double begun;
+    int counted = 0;
+    sb_result result = SB_OK;
+    memset(&told, 0, sizeof told);
+    if (!track || !(dt > 0) || !(dt <= 1e9)) {
+        result = sbi_fail(&told.error, SB_ERROR_ARGUMENT, "a step needs a tracker and a dt above 0");
+        if (info)
+            *info = told;
+        return result;
+    }
+    begun = regi_track_now(track);
+    track->fresh = 1 - sbi_dense_exp(-dt / REGI_TRACK_FADES);
+    regi_track_predict(track, dt);
+    if (track->waiting)
+        result = regi_track_take_in(track, &counted, &told);
+    track->waiting = 0;
+    if (result == SB_OK) {
+        regi_track_judge(track, counted, &told);
+        before = track->known;
+        track->known = track->next;
+        track->next = before;
+    }
+    told.time = track->known.time;
+    told.blind = track->known.blind;
+    told.expected = regi_track_expected(track, &track->known);
+    told.seconds = regi_track_now(track) - begun;
+    if (info)
+        *info = told;
+    return result;
+}
+
+/* ---- where it is ---- */
+
+REG_API sb_result reg_track_displacements(const reg_track *track, sb_vec3 *displacements)
+{
+    sb_mat3 rotation;
+    if (!track || !displacements)
+        return SB_ERROR_ARGUMENT;
+    rotation = sb_quat_to_mat3(track->known.turned);
+    memcpy(displacements, track->arms, (size_t)track->node_count * sizeof *displacements);
+    for (int k = 0; k < track->def.modes; k++) {
+        const sb_vec3 *mode = track->modes + (size_t)k * (size_t)track->node_count;
+        for (int i = 0; i < track->node_count; i++)
+            displacements[i] = sb_v3_madd(displacements[i], (sb_real)track->known.mean[k], mode[i]);
+    }
+    for (int i = 0; i < track->node_count; i++)
+        displacements[i] = sb_v3_sub(sb_v3_add(track->known.place, sb_m3_apply(rotation, displacements[i])),
+                                     track->model->mesh.nodes[i]);
+    return SB_OK;
+}
+
+REG_API sb_result reg_track_covariances(const reg_track *track, sb_mat3 *covariances)
+{
+    double row[REGI_TRACK_UNKNOWNS];
+    if (!track || !covariances)
+        return SB_ERROR_ARGUMENT;
+    for (int i = 0; i < track->node_count; i++)
+        regi_track_covariance_of(track, i, row, covariances + i);
+    return SB_OK;
+}
+
+REG_API const char *reg_track_state_string(reg_track_state state)
+{
+    switch (state) {
+    case REG_TRACK_FOLLOWS: return "follows";
+    case REG_TRACK_PREDICTS: return "predicts";
+    case REG_TRACK_JUMPED: return "jumped";
+    case REG_TRACK_LOST: return "lost";
+    default: return "unknown state";
     }
 }
 

@@ -534,6 +534,24 @@ expect 2 '--size needs a number' identify --size 0.006
 expect 2 '--size needs a number' identify --size 0.045
 expect 2 '--noise needs a number' identify --noise -1
 
+# ---- track_liver ----
+expect 0 '^usage: track_liver' track_liver --help
+expect 0 '^error_mm=[0-9.]* expected_mm=[0-9.]* blind_mm=[0-9.]* frame_ms=.* state=follows$' track_liver --seconds 4 --every 2
+check "the organ is followed" holds "$(last error_mm) < 2"
+check "the error to expect is of the size of the error" \
+    holds "$(last expected_mm) > 0.5 * $(last error_mm) && $(last expected_mm) < 5 * $(last error_mm)"
+check "a row for each frame" [ "$(wc -l <track_liver.csv | tr -d ' ')" = 121 ]
+check "the chart has what is expected" grep -q '>expected<' track_liver.svg
+track="track_liver --cells 10 --seconds 1 --points 200"
+expect 4 'state=lost$' $track --seconds 2 --drop 1.5 --every 2 -o lost
+expect_data 0 'state=follows$' $track volumes/liver_a_tet4_2k.vtk -o file
+expect 2 '--modes needs a whole number from 1 to 96' track_liver --modes 0
+expect 2 '--rate needs a number from' track_liver --rate 0
+expect 2 'fast is no option\|--fast is no option' track_liver --fast
+expect 2 'no-such.vtk' track_liver no-such.vtk
+expect_data 2 'is a surface' track_liver surfaces/liver_a.obj
+expect 2 'no-such-folder/x.csv: cannot be written' $track -o no-such-folder/x
+
 # ---- palpation ----
 expect 0 '^usage: palpation' palpation --help
 palpate="palpation --cells 10 --grid 9"
@@ -908,7 +926,7 @@ expect 2 'no-such-folder' needle_study --quick -o no-such-folder/study
 # ---- a full disk ----
 all="hello custom_element demo viscoelastic liver_models surface_to_sim cylinder_study particles_study needle_prostate needle_forces
     needle_control needle_obstacles needle_phantom one_body register_liver insilico case_solve haptic_loop grasp
-    palpation drop cut_scalpel cut_resect cut_force cut_study
+    palpation track_liver drop cut_scalpel cut_resect cut_force cut_study
     needle_study igtl_server igtl_client"
 # full_stdout PROGRAM [ARGUMENT...]: what is printed cannot be written, which is told, and is no success
 full_stdout() {
@@ -954,6 +972,7 @@ else
 fi
 if (trap '' XFSZ && ulimit -f 0 && ! echo text >probe) 2>/dev/null; then
     full_disk x.csv grasp --way 0.001 -o full/x
+    full_disk x.csv $track -o full/x
     full_disk x.csv palpation --cells 6 --size 0.012 --grid 5 -o full/x
     full_disk x.csv drop --count 1 --cells 2 --seconds 0.1 -o full/x
     full_disk x.csv cut_scalpel --cells 4 --frames 1 --every 0 -o full/x

@@ -125,6 +125,9 @@ typedef struct world {
     reg_model *organ_model;
     reg_infer_def infer_def;
     reg_infer *infer;
+    reg_track_def track_def;
+    reg_track *track;
+    reg_points points_seen;
     unsigned char *image;
     size_t image_bytes;
 } world;
@@ -1281,6 +1284,35 @@ static reg_infer *world_infer(world *w)
     return w->infer;
 }
 
+static reg_track_def *world_track_def(world *w)
+{
+    w->track_def = reg_default_track_def();
+    w->track_def.model = world_organ_model(w);
+    w->track_def.start = world_infer(w);
+    w->track_def.modes = 2;
+    w->track_def.patches = 30;
+    w->track_def.clock = world_clock;
+    return &w->track_def;
+}
+
+static reg_track *world_track(world *w)
+{
+    if (!w->track)
+        CHECK_OK(reg_track_create(world_track_def(w), &w->track, NULL));
+    return w->track;
+}
+
+static reg_points *world_points_seen(world *w)
+{
+    const sb_mesh *mesh = world_mesh(w);
+    memset(&w->points_seen, 0, sizeof w->points_seen);
+    w->points_seen.points = mesh->nodes;
+    w->points_seen.count = 3;
+    w->points_seen.has_camera = 1;
+    w->points_seen.camera = sb_v3(0, 0, 1);
+    return &w->points_seen;
+}
+
 /* ---- all of it ---- */
 
 static unsigned long long world_mix(unsigned long long hash, const void *data, size_t bytes)
@@ -1361,6 +1393,7 @@ static unsigned long long world_go_on(world *w)
 
 static void world_free(world *w)
 {
+    reg_track_destroy(w->track);
     reg_infer_destroy(w->infer);
     reg_model_destroy(w->organ_model);
     reg_nicp_destroy(w->nicp);

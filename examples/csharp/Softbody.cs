@@ -457,6 +457,13 @@ public enum reg_prior_kind
     REG_PRIOR_LOCAL = 2,
     REG_PRIOR_GRAVITY = 3,
 }
+public enum reg_track_state
+{
+    REG_TRACK_FOLLOWS = 0,
+    REG_TRACK_PREDICTS = 1,
+    REG_TRACK_JUMPED = 2,
+    REG_TRACK_LOST = 3,
+}
 [StructLayout(LayoutKind.Sequential)]
 public unsafe struct sb_error
 {
@@ -2459,6 +2466,42 @@ public unsafe struct reg_quality
     public double seconds_response;
     public double seconds_choice;
     public double seconds_draws;
+}
+[StructLayout(LayoutKind.Sequential)]
+public unsafe struct reg_track_def
+{
+    public reg_model* model;
+    public reg_infer* start;
+    public reg_rigid pose;
+    public double pose_sd;
+    public double pose_turn;
+    public int modes;
+    public int patches;
+    public int most_points;
+    public double motion;
+    public double memory;
+    public double wander;
+    public double turn;
+    public double misfit;
+    public double lost_after;
+    public IntPtr clock;
+    public uint cookie;
+}
+public struct reg_track { }
+[StructLayout(LayoutKind.Sequential)]
+public unsafe struct reg_track_info
+{
+    public reg_track_state state;
+    public double time;
+    public double blind;
+    public double seen;
+    public double used;
+    public double noise;
+    public double residual;
+    public double innovation;
+    public double expected;
+    public double seconds;
+    public sb_error error;
 }
 public static unsafe class Native
 {
@@ -6034,5 +6077,52 @@ public static unsafe class Native
     public static extern byte* reg_prior_string(reg_prior_kind prior);
     [DllImport(Library, CallingConvention = CallingConvention.Cdecl)]
     public static extern byte* reg_infer_stop_string(reg_infer_stop stop);
+    [DllImport(Library, CallingConvention = CallingConvention.Cdecl)]
+    public static extern reg_track_def reg_default_track_def();
+    /// <summary>
+    /// Makes a tracker; all memory is taken here, from the model's allocator. Takes the time of a round of an inference.
+    /// SB_ERROR_ARGUMENT (a field, named), SB_ERROR_INVERTED, SB_ERROR_INDEFINITE, SB_ERROR_MEMORY: *track is then
+    /// untouched. Deterministic, as steps are; the same bits for any number of threads.
+    /// </summary>
+    [DllImport(Library, CallingConvention = CallingConvention.Cdecl)]
+    public static extern sb_result reg_track_create(reg_track_def* def, reg_track** track, sb_error* error);
+    [DllImport(Library, CallingConvention = CallingConvention.Cdecl)]
+    public static extern void reg_track_destroy(reg_track* track);
+    /// <summary>
+    /// Begins anew about an inference's answer, or, `start` NULL, about where the organ is now: shapes are linear about
+    /// that, what was known of the amounts is forgotten, and the pose is as sure as at a start. For after it was lost, and
+    /// for large deformations. Allocates nothing; takes as long as the creation. The errors of reg_track_create: nothing
+    /// has changed then. A target that waits stays.
+    /// </summary>
+    [DllImport(Library, CallingConvention = CallingConvention.Cdecl)]
+    public static extern sb_result reg_track_restart(reg_track* track, reg_infer* start, sb_error* error);
+    /// <summary>
+    /// What is seen now, for the next step; replaces a target that waits. Copied. A surface is refused. SB_ERROR_ARGUMENT,
+    /// also for more than def.most_points, and SB_ERROR_NOT_FINITE (error-&gt;node: the point): nothing has changed.
+    /// </summary>
+    [DllImport(Library, CallingConvention = CallingConvention.Cdecl)]
+    public static extern sb_result reg_track_set_target(reg_track* track, reg_points* target, sb_error* error);
+    /// <summary>
+    /// Goes on by dt (s, &gt; 0), and takes in the target that waits, if there is one. Allocates nothing. info may be NULL.
+    /// SB_ERROR_ARGUMENT, SB_ERROR_INDEFINITE, SB_ERROR_NOT_FINITE: nothing has changed but that the target is gone.
+    /// </summary>
+    [DllImport(Library, CallingConvention = CallingConvention.Cdecl)]
+    public static extern sb_result reg_track_step(reg_track* track, double dt, reg_track_info* info);
+    /// <summary>
+    /// displacements[nodes] (m) of the model's nodes from rest to where they are in the target's frame.
+    /// </summary>
+    [DllImport(Library, CallingConvention = CallingConvention.Cdecl)]
+    public static extern sb_result reg_track_displacements(reg_track* track, sb_vec3* displacements);
+    /// <summary>
+    /// covariances[nodes] (m^2) of that, in the target's frame. Some (modes + 6)^2 multiply-adds a node: for a look now and
+    /// then, not for each frame.
+    /// </summary>
+    [DllImport(Library, CallingConvention = CallingConvention.Cdecl)]
+    public static extern sb_result reg_track_covariances(reg_track* track, sb_mat3* covariances);
+    /// <summary>
+    /// "follows", "predicts", "jumped", "lost".
+    /// </summary>
+    [DllImport(Library, CallingConvention = CallingConvention.Cdecl)]
+    public static extern byte* reg_track_state_string(reg_track_state state);
 }
 }

@@ -79,8 +79,7 @@ static void regi_gauss_add_four(double *SB_RESTRICT to, const double f[4], const
         to[i] += f[0] * a[i] + f[1] * b[i] + f[2] * c[i] + f[3] * d[i];
 }
 
-/* upper += rows^T rows of rows[count][stride]. */
-static void regi_gauss_add_squares(double *upper, int n, const double *rows, int count, size_t stride)
+REGI_API void regi_gauss_add_squares(double *upper, int n, const double *rows, int count, size_t stride)
 {
     int k = 0;
     for (; k + 4 <= count; k += 4)

@@ -81,6 +81,8 @@ REGI_API double regi_gauss_evidence(const regi_gauss *gauss, double scale);
 REGI_API double regi_gauss_best_scale(const regi_gauss *gauss, double *evidence);
 
 /* ---- dense helpers ---- */
+/* Upper triangle of upper[n][stride] += rows^T rows of rows[count][stride]. */
+REGI_API void regi_gauss_add_squares(double *upper, int n, const double *rows, int count, size_t stride);
 /* Upper a[n][stride] = U^T U in place, rows below the diagonal untouched. Returns 0 at a pivot that is not positive. */
 REGI_API int regi_gauss_cholesky(double *a, int n, size_t stride);
 /* r[n] <- U^-1 U^-T r */

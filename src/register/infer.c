@@ -24,11 +24,11 @@ REG_API reg_infer_def reg_default_infer_def(void)
 
 /* ---- checks ---- */
 
-static sb_result regi_infer_check_points(const reg_points *t, sb_error *error)
+REGI_API sb_result regi_infer_check_points(const reg_points *t, sb_error *error)
 {
     sb_result result;
     if ((t->points != NULL) == (t->surface != NULL))
-        return sbi_fail(error, SB_ERROR_ARGUMENT, "an inference needs either points or a surface as its target");
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "a target needs either points or a surface");
     if (t->has_camera != 0 && t->has_camera != 1)
         return sbi_fail(error, SB_ERROR_ARGUMENT, "has_camera is %d, not 0 or 1", t->has_camera);
     if (t->has_camera && !sb_v3_is_finite(t->camera))
@@ -43,7 +43,7 @@ static sb_result regi_infer_check_points(const reg_points *t, sb_error *error)
     return result;
 }
 
-static int regi_infer_is_motion(const reg_rigid *motion)
+REGI_API int regi_infer_is_motion(const reg_rigid *motion)
 {
     sb_mat3 square = sb_m3_sub(sb_m3_tmul(motion->rotation, motion->rotation), sb_m3_identity());
     return sb_v3_is_finite(motion->translation) && sb_m3_ddot(square, square) < (sb_real)1e-6 &&
@@ -79,35 +79,25 @@ static sb_result regi_infer_check(const reg_infer_def *def, sb_error *error)
 
 /* ---- the target ---- */
 
-static void regi_infer_take_point(regi_infer_point *p, sb_vec3 at, sb_vec3 normal, sb_real weight, sb_real sd)
-{
-    memset(p, 0, sizeof *p);
-    p->at = at;
-    p->normal = regi_cloud_unit(normal);
-    p->weight = weight;
-    p->sd = sd;
-    p->triangle = -1;
-}
-
 /* The nodes of a surface, by area (of the mean, so that weights are about 1). */
 static void regi_infer_take_surface(reg_infer *f, const sb_mesh *triangles)
 {
     sb_real mean = 0;
     for (int i = 0; i < triangles->node_count; i++)
-        regi_infer_take_point(f->points + i, triangles->nodes[i], sb_v3(0, 0, 0), 0, 0);
+        regi_look_take(f->look.points + i, triangles->nodes[i], sb_v3(0, 0, 0), 0, 0);
     for (int t = 0; t < triangles->element_count; t++) {
         const int *c = triangles->elements + 3 * (size_t)t;
         sb_vec3 a = sb_v3_sub(triangles->nodes[c[1]], triangles->nodes[c[0]]);
         sb_vec3 area = sb_v3_cross(a, sb_v3_sub(triangles->nodes[c[2]], triangles->nodes[c[0]]));
         for (int k = 0; k < 3; k++) {
-            f->points[c[k]].normal = sb_v3_add(f->points[c[k]].normal, area);
-            f->points[c[k]].weight += sb_v3_norm(area);
+            f->look.points[c[k]].normal = sb_v3_add(f->look.points[c[k]].normal, area);
+            f->look.points[c[k]].weight += sb_v3_norm(area);
         }
         mean += 3 * sb_v3_norm(area) / (sb_real)triangles->node_count;
     }
     for (int i = 0; i < triangles->node_count; i++) {
-        f->points[i].normal = regi_cloud_unit(f->points[i].normal);
-        f->points[i].weight = mean > 0 ? f->points[i].weight / mean : 0;
+        f->look.points[i].normal = regi_cloud_unit(f->look.points[i].normal);
+        f->look.points[i].weight = mean > 0 ? f->look.points[i].weight / mean : 0;
     }
 }
 
@@ -115,8 +105,8 @@ static void regi_infer_take_cloud(reg_infer *f)
 {
     const reg_points *t = &f->def->target;
     for (int i = 0; i < t->count; i++)
-        regi_infer_take_point(f->points + i, t->points[i], t->normals ? t->normals[i] : sb_v3(0, 0, 0),
-                              t->weights ? t->weights[i] : 1, t->sd ? t->sd[i] : 0);
+        regi_look_take(f->look.points + i, t->points[i], t->normals ? t->normals[i] : sb_v3(0, 0, 0),
+                       t->weights ? t->weights[i] : 1, t->sd ? t->sd[i] : 0);
 }
 
 /* Landmarks that count, as rows of the mesh's nodes. */
@@ -157,14 +147,14 @@ static sb_result regi_infer_take_landmarks(reg_infer *f, sb_error *error)
 
 static void regi_infer_layout(reg_infer *f, sbi_arena *arena)
 {
-    size_t n = (size_t)f->node_count, c = (size_t)f->model->prior.control_count, points = (size_t)f->point_count;
-    size_t patches = (size_t)f->patch_count, marks = (size_t)f->landmark_count, loads = (size_t)f->loads;
+    size_t n = (size_t)f->node_count, c = (size_t)f->model->prior.control_count, points = (size_t)f->look.point_count;
+    size_t patches = (size_t)f->look.patch_count, marks = (size_t)f->landmark_count, loads = (size_t)f->loads;
     size_t most = patches + 3 * marks + REGI_GAUSS_EXACT, cells = (size_t)f->model->domain.cell_count;
     size_t width = (size_t)f->model->domain.nodes_per_cell, real = sizeof(double), vec = sizeof(sb_vec3);
-    f->points = (regi_infer_point *)sbi_arena_take(arena, points, sizeof(regi_infer_point));
-    f->patch_start = (int *)sbi_arena_take(arena, patches + 1, sizeof(int));
+    f->look.points = (regi_look_point *)sbi_arena_take(arena, points, sizeof(regi_look_point));
+    f->look.patch_start = (int *)sbi_arena_take(arena, patches + 1, sizeof(int));
     f->patch_of = (int *)sbi_arena_take(arena, most, sizeof(int));
-    f->sort = (sb_real *)sbi_arena_take(arena, points + patches, sizeof(sb_real));
+    f->look.sort = (sb_real *)sbi_arena_take(arena, points + patches, sizeof(sb_real));
     f->averaged = (double *)sbi_arena_take(arena, most, real);
     f->mark_seen = (sb_vec3 *)sbi_arena_take(arena, marks, vec);
     f->mark_sd = (sb_real *)sbi_arena_take(arena, marks, sizeof(sb_real));
@@ -178,17 +168,15 @@ static void regi_infer_layout(reg_infer *f, sbi_arena *arena)
     f->draw = (double *)sbi_arena_take(arena, loads, real);
     f->datum = (double *)sbi_arena_take(arena, most, real);
     f->tractions = (sb_vec3 *)sbi_arena_take(arena, c, vec);
-    f->row = (sb_vec3 *)sbi_arena_take(arena, n, SBI_FRONT_GROUP * vec);
+    f->row = (sb_vec3 *)sbi_arena_take(arena, n, REGI_RESPONSE_GROUP * vec);
     f->skin = (sb_vec3 *)sbi_arena_take(arena, (size_t)f->model->skin.node_count, vec);
-    f->residual = (sb_vec3 *)sbi_arena_take(arena, n, vec);
+    regi_response_layout(&f->response, f->node_count, arena);
     f->forces = (sb_vec3 *)sbi_arena_take(arena, n, vec);
     f->increment = (sb_vec3 *)sbi_arena_take(arena, n, vec);
     f->trial = (sb_vec3 *)sbi_arena_take(arena, n, vec);
     f->shape = (sb_vec3 *)sbi_arena_take(arena, n, vec);
     f->errors = (sb_vec3 *)sbi_arena_take(arena, n, REG_INFER_DRAWS * vec);
     f->expected = (sb_real *)sbi_arena_take(arena, n, sizeof(sb_real));
-    f->weighted_modes = (sb_vec3 *)sbi_arena_take(arena, n, REGI_INFER_MODES * vec);
-    f->drift = (sb_vec3 *)sbi_arena_take(arena, n, REGI_INFER_MODES * vec);
     f->cell_force = (sb_vec3 *)sbi_arena_take(arena, cells, width * vec);
     f->poisson_force = (sb_vec3 *)sbi_arena_take(arena, n, vec);
     f->region = (sb_real *)sbi_arena_take(arena, cells, REGI_INFER_REGIONS * sizeof(sb_real));
@@ -197,18 +185,18 @@ static void regi_infer_layout(reg_infer *f, sbi_arena *arena)
 static sb_result regi_infer_allocate(reg_infer *f, sb_error *error)
 {
     sbi_arena arena = {NULL, 0, 0};
-    int most = f->patch_count + 3 * f->landmark_count + REGI_GAUSS_EXACT;
+    int most = f->look.patch_count + 3 * f->landmark_count + REGI_GAUSS_EXACT;
     sb_result result;
     regi_infer_layout(f, &arena);
     f->memory = arena.overflow ? NULL : sbi_alloc_zeroed(&f->allocator, 1, arena.used);
     if (!f->memory)
-        return sbi_fail(error, SB_ERROR_MEMORY, "no memory for an inference from %d points", f->point_count);
+        return sbi_fail(error, SB_ERROR_MEMORY, "no memory for an inference from %d points", f->look.point_count);
     arena.base = (unsigned char *)f->memory;
     arena.used = 0;
     regi_infer_layout(f, &arena);
     result = regi_gauss_create(most, f->loads, &f->allocator, &f->gauss, error);
     if (result == SB_OK)
-        result = sbi_body_make_factor(f->model->body, &f->allocator, &f->direct, error);
+        result = sbi_body_make_factor(f->model->body, &f->allocator, &f->response.direct, error);
     return result;
 }
 
@@ -223,7 +211,7 @@ static sb_result regi_infer_begin(reg_infer *f)
         f->trial[i] = sb_v3_sub(reg_rigid_apply(&def->start, mesh->nodes[i]), mesh->nodes[i]);
         middle = sb_v3_madd(middle, 1 / (sb_real)(i + 1), sb_v3_sub(mesh->nodes[i], middle));
     }
-    f->centre = reg_rigid_apply(&def->start, middle);
+    f->response.centre = reg_rigid_apply(&def->start, middle);
     for (int k = 0; k < REGI_INFER_POSE; k++)
         f->pose_sd[k] = (double)(k < 3 ? sd : def->start_turn);
     f->temper = 1;
@@ -263,9 +251,14 @@ static sb_result regi_infer_make(reg_infer *f, const sb_mesh *triangles, sb_erro
 {
     sb_result result;
     f->node_count = f->model->mesh.node_count;
+    f->response.model = f->model;
+    f->look.tree = f->model->tree;
+    f->look.size = f->model->size;
+    f->look.has_camera = f->def->target.has_camera;
+    f->look.camera = f->def->target.camera;
     f->loads = 3 * f->model->prior.control_count + REGI_INFER_WEIGHT;
-    f->point_count = triangles ? triangles->node_count : f->def->target.count;
-    f->patch_count = sbi_min_int(f->def->samples, f->point_count);
+    f->look.point_count = triangles ? triangles->node_count : f->def->target.count;
+    f->look.patch_count = sbi_min_int(f->def->samples, f->look.point_count);
     for (int i = 0; i < f->def->landmark_count; i++)
         f->landmark_count += sb_is_finite(f->def->landmarks[i].sd);
     result = regi_infer_allocate(f, error);
@@ -275,7 +268,7 @@ static sb_result regi_infer_make(reg_infer *f, const sb_mesh *triangles, sb_erro
         regi_infer_take_surface(f, triangles);
     else
         regi_infer_take_cloud(f);
-    result = regi_infer_group(f, f->patch_count, error);
+    result = regi_infer_group(f, f->look.patch_count, error);
     if (result == SB_OK)
         result = regi_infer_take_landmarks(f, error);
     if (result == SB_OK)
@@ -326,7 +319,7 @@ REG_API void reg_infer_destroy(reg_infer *infer)
         return;
     allocator = infer->allocator;
     sb_embedding_rows_free(&infer->marks);
-    sb_direct_free(infer->direct);
+    sb_direct_free(infer->response.direct);
     regi_gauss_free(&infer->gauss);
     sbi_free(&allocator, infer->memory);
     sbi_free(&allocator, infer);

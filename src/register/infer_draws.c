@@ -4,6 +4,7 @@
 #include <math.h>
 #include <string.h>
 
+#include "chance.h"
 #include "cloud.h"
 
 /* What the predicted deviations are multiplied by, for full views and for parts. With them regions of 95 % hold the
@@ -20,42 +21,6 @@
 /* What is not known of the material: log of the stiffness of a region (sd), and Poisson's ratio. */
 #define REGI_INFER_STIFFNESS_SD 0.5
 #define REGI_INFER_POISSON_SD 0.02
-
-/* ---- chance: the same everywhere ---- */
-
-typedef struct regi_infer_chance {
-    uint64_t state;
-    double spare;
-    int has_spare;
-} regi_infer_chance;
-
-/* In (-1, 1): xorshift64*. */
-static double regi_infer_uniform(regi_infer_chance *chance)
-{
-    chance->state ^= chance->state >> 12;
-    chance->state ^= chance->state << 25;
-    chance->state ^= chance->state >> 27;
-    return (double)((chance->state * 2685821657736338717u) >> 11) / 4503599627370496.0 - 1;
-}
-
-/* Normal, by Marsaglia's polar method. */
-static double regi_infer_normal(regi_infer_chance *chance)
-{
-    double u, v, square;
-    if (chance->has_spare) {
-        chance->has_spare = 0;
-        return chance->spare;
-    }
-    do {
-        u = regi_infer_uniform(chance);
-        v = regi_infer_uniform(chance);
-        square = u * u + v * v;
-    } while (!(square > 0) || square >= 1);
-    square = sqrt(-2 * sbi_dense_log(square) / square);
-    chance->spare = v * square;
-    chance->has_spare = 1;
-    return u * square;
-}
 
 /* ---- the material ---- */
 
@@ -153,13 +118,13 @@ static sb_result regi_infer_find_regions(reg_infer *f, int *regions, sb_error *e
 }
 
 /* forces[nodes] of a draw of what is not known of the material. */
-static void regi_infer_draw_material(const reg_infer *f, int regions, regi_infer_chance *chance, sb_vec3 *forces)
+static void regi_infer_draw_material(const reg_infer *f, int regions, regi_chance *chance, sb_vec3 *forces)
 {
     const sb_domain *d = &f->model->domain;
     size_t n = (size_t)d->nodes_per_cell;
-    double theta[REGI_INFER_REGIONS], poisson = regi_infer_normal(chance);
+    double theta[REGI_INFER_REGIONS], poisson = regi_chance_normal(chance);
     for (int k = 0; k < regions; k++)
-        theta[k] = REGI_INFER_STIFFNESS_SD * regi_infer_normal(chance);
+        theta[k] = REGI_INFER_STIFFNESS_SD * regi_chance_normal(chance);
     for (int i = 0; i < f->node_count; i++)
         forces[i] = sb_v3_scale((sb_real)poisson, f->poisson_force[i]);
     for (int e = 0; e < d->cell_count; e++) {
@@ -178,18 +143,18 @@ static void regi_infer_draw_material(const reg_infer *f, int regions, regi_infer
 
 /* One draw of the error: its forces into `forces`, its pose into pose[7] (m, rad). errors holds what the material does.
  */
-static void regi_infer_condition_draw(reg_infer *f, regi_infer_chance *chance, const sb_vec3 *errors, sb_vec3 *forces,
+static void regi_infer_condition_draw(reg_infer *f, regi_chance *chance, const sb_vec3 *errors, sb_vec3 *forces,
                                       double pose[REGI_GAUSS_POSES])
 {
     regi_gauss *g = &f->gauss;
     sb_vec3 weight;
     for (int b = 0; b < g->loads; b++)
-        f->draw[b] = g->scale * regi_infer_normal(chance);
+        f->draw[b] = g->scale * regi_chance_normal(chance);
     regi_gauss_balance(g, f->draw);
     for (int k = 0; k < g->poses; k++)
-        pose[k] = regi_infer_normal(chance);
+        pose[k] = regi_chance_normal(chance);
     for (int i = 0; i < g->count; i++)
-        f->datum[i] = sqrt(g->variance[i]) * regi_infer_normal(chance) + regi_infer_measure(f, i, errors);
+        f->datum[i] = sqrt(g->variance[i]) * regi_chance_normal(chance) + regi_infer_measure(f, i, errors);
     regi_gauss_condition(g, f->draw, pose, f->datum);
     for (int k = 0; k < REGI_INFER_POSE; k++)
         pose[k] *= f->pose_sd[k];
@@ -204,22 +169,22 @@ static void regi_infer_add_draw(const reg_infer *f, const sb_vec3 *moved, const 
     sb_vec3 way = sb_v3((sb_real)pose[0], (sb_real)pose[1], (sb_real)pose[2]);
     sb_vec3 turn = sb_v3((sb_real)pose[3], (sb_real)pose[4], (sb_real)pose[5]);
     for (int i = 0; i < f->node_count; i++) {
-        sb_vec3 arm = sb_v3_sub(sb_v3_add(f->model->mesh.nodes[i], f->shape[i]), f->centre);
+        sb_vec3 arm = sb_v3_sub(sb_v3_add(f->model->mesh.nodes[i], f->shape[i]), f->response.centre);
         errors[i] = sb_v3_add(errors[i], sb_v3_add(moved[i], sb_v3_add(way, sb_v3_cross(turn, arm))));
     }
 }
 
-static void regi_infer_draw_group(reg_infer *f, int regions, int first, int count, regi_infer_chance *chance)
+static void regi_infer_draw_group(reg_infer *f, int regions, int first, int count, regi_chance *chance)
 {
     size_t n = (size_t)f->node_count;
     double pose[SBI_FRONT_GROUP][REGI_GAUSS_POSES];
     for (int s = 0; s < count; s++)
         regi_infer_draw_material(f, regions, chance, f->row + (size_t)s * n);
-    regi_infer_solve_rows(f, f->row, count);
+    regi_response_solve(&f->response, f->row, count);
     memcpy(f->errors + (size_t)first * n, f->row, (size_t)count * n * sizeof *f->row);
     for (int s = 0; s < count; s++)
         regi_infer_condition_draw(f, chance, f->errors + (size_t)(first + s) * n, f->row + (size_t)s * n, pose[s]);
-    regi_infer_solve_rows(f, f->row, count);
+    regi_response_solve(&f->response, f->row, count);
     for (int s = 0; s < count; s++) {
         regi_infer_add_draw(f, f->row + (size_t)s * n, pose[s], f->errors + (size_t)(first + s) * n);
         for (int k = 0; k < REGI_INFER_POSE; k++)
@@ -280,7 +245,7 @@ static void regi_infer_hedge(reg_infer *f)
 
 static sb_result regi_infer_draw_errors(reg_infer *f, sb_error *error)
 {
-    regi_infer_chance chance = {(uint64_t)0x9e3779b97f4a7c15u, 0, 0};
+    regi_chance chance = {(uint64_t)0x9e3779b97f4a7c15u, 0, 0};
     sb_real alpha = (sb_real)regi_infer_alpha(f->quality.seen);
     int regions = 0;
     sb_result result = regi_infer_find_regions(f, &regions, error);
@@ -306,10 +271,10 @@ static sb_real regi_infer_spacing(const reg_infer *f)
 {
     double sum = 0;
     int count = 0;
-    for (int s = 0; s < f->patch_count; s++) {
+    for (int s = 0; s < f->look.patch_count; s++) {
         sb_real nearest = SB_REAL_MAX;
-        for (int t = 0; t < f->patch_count; t++) {
-            sb_vec3 d = sb_v3_sub(f->points[f->patch_start[s]].at, f->points[f->patch_start[t]].at);
+        for (int t = 0; t < f->look.patch_count; t++) {
+            sb_vec3 d = sb_v3_sub(f->look.points[f->look.patch_start[s]].at, f->look.points[f->look.patch_start[t]].at);
             nearest = t == s ? nearest : sb_min(nearest, sb_v3_dot(d, d));
         }
         sum += nearest < SB_REAL_MAX ? (double)sb_sqrt(nearest) : 0;
@@ -322,17 +287,17 @@ static sb_real regi_infer_spacing(const reg_infer *f)
 static sb_result regi_infer_find_seen(reg_infer *f, sb_error *error)
 {
     const reg_model *m = f->model;
-    sb_vec3 *places = (sb_vec3 *)sbi_alloc(&f->allocator, (size_t)f->point_count, sizeof *places);
+    sb_vec3 *places = (sb_vec3 *)sbi_alloc(&f->allocator, (size_t)f->look.point_count, sizeof *places);
     reg_kdtree *tree = NULL;
     sb_real reach = regi_infer_spacing(f);
     double seen = 0;
     int count = 0;
     sb_result result = SB_OK;
     if (!places)
-        return sbi_fail(error, SB_ERROR_MEMORY, "no memory for the places of %d points", f->point_count);
-    for (int i = 0; i < f->point_count; i++)
-        if (f->points[i].trust > (sb_real)0.25 * f->points[i].weight)
-            places[count++] = f->points[i].place;
+        return sbi_fail(error, SB_ERROR_MEMORY, "no memory for the places of %d points", f->look.point_count);
+    for (int i = 0; i < f->look.point_count; i++)
+        if (f->look.points[i].trust > (sb_real)0.25 * f->look.points[i].weight)
+            places[count++] = f->look.points[i].place;
     if (count > 0)
         result = reg_kdtree_create(places, count, &f->allocator, &tree, error);
     for (int i = 0; result == SB_OK && i < m->skin.node_count && count > 0; i++)
@@ -345,22 +310,8 @@ static sb_result regi_infer_find_seen(reg_infer *f, sb_error *error)
 
 static void regi_infer_measure_fit(reg_infer *f)
 {
-    double used = 0, all = 0, sum = 0;
-    int count = 0;
-    for (int i = 0; i < f->point_count; i++) {
-        const regi_infer_point *p = f->points + i;
-        int good = p->trust > (sb_real)0.25 * p->weight;
-        all += (double)p->weight;
-        if (!good)
-            continue;
-        used += (double)p->weight;
-        sum += (double)sb_abs(p->gap);
-        f->sort[count++] = sb_abs(p->gap);
-    }
-    f->quality.used = (sb_real)(all > 0 ? used / all : 0);
-    f->quality.residual = (sb_real)(count > 0 ? sum / count : 0);
-    f->quality.residual_p95 = count > 0 ? regi_cloud_select(f->sort, count, (int)(0.95 * (count - 1))) : 0;
-    f->quality.noise = f->noise;
+    regi_look_measure(&f->look, &f->quality.used, &f->quality.residual, &f->quality.residual_p95);
+    f->quality.noise = f->look.noise;
     f->quality.misfit = (sb_real)f->choice.misfit;
 }
 

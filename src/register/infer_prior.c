@@ -6,10 +6,6 @@
 
 enum { REGI_INFER_GRAVITIES = 4, REGI_INFER_MISFITS = 5, REGI_INFER_LOCAL = 4 };
 
-/* Length of the tractions, in shares of the size: about that of tools and hands. Longer ones, which evidence may well
- * prefer, need so large a scale for what is local that the organ bends by far too much where it is not seen. */
-#define REGI_INFER_LENGTH 0.06
-
 /* Places of their own must explain more than loads everywhere by so many nats, tempered. */
 static const double regi_infer_earned = 3;
 
@@ -140,9 +136,9 @@ static int regi_infer_weigh_misfit(reg_infer *f, regi_infer_choice *choice)
 /* What the model cannot follow (m), for `spacing` s: a quarter of s^1.5 in sizes, as measured on models of 60 to 1,500
  * nodes; beyond 0.006 nothing is gained. With less, errors of a coarse model look like loads, which bend the organ as a
  * whole: a dent narrower than a cell put it off by up to 2.7 times what the rigid start was. */
-static double regi_infer_least_misfit(const reg_infer *f)
+REGI_API double regi_infer_least_misfit(const reg_model *model)
 {
-    double size = (double)f->model->size, cell = f->model->spacing / size, share = 0.25 * cell * sqrt(cell);
+    double size = (double)model->size, cell = model->spacing / size, share = 0.25 * cell * sqrt(cell);
     return size * (share < 1e-3 ? 1e-3 : share > 6e-3 ? 6e-3 : share);
 }
 
@@ -152,7 +148,7 @@ static int regi_infer_search_misfit(reg_infer *f, regi_infer_choice *best)
     static const double shares[REGI_INFER_MISFITS] = {1.02, 1.06, 1.23, 1.74, 3.03};
     regi_infer_choice trial = *best;
     for (int k = 0; k < REGI_INFER_MISFITS; k++) {
-        trial.misfit = shares[k] * regi_infer_least_misfit(f);
+        trial.misfit = shares[k] * regi_infer_least_misfit(f->model);
         if (!regi_infer_weigh_misfit(f, &trial))
             return 0;
         if (k == 0 || trial.evidence > best->evidence)
@@ -259,8 +255,8 @@ static double regi_infer_find_temper(const reg_infer *f)
         sb_real nearest = SB_REAL_MAX;
         int other = i;
         for (int j = 0; j < g->count && f->patch_of[j] >= 0; j++) {
-            sb_vec3 d =
-                sb_v3_sub(f->points[f->patch_start[f->patch_of[i]]].at, f->points[f->patch_start[f->patch_of[j]]].at);
+            sb_vec3 d = sb_v3_sub(f->look.points[f->look.patch_start[f->patch_of[i]]].at,
+                                  f->look.points[f->look.patch_start[f->patch_of[j]]].at);
             sb_real square = sb_v3_dot(d, d);
             if (j != i && square < nearest) {
                 nearest = square;

@@ -3,20 +3,23 @@
 #ifndef REG_INFER_PRIVATE_H
 #define REG_INFER_PRIVATE_H
 
-#include "../softbody/solve/direct_front.h"
 #include "gauss.h"
 #include "infer.h"
 #include "kdtree.h"
-#include "model_private.h"
+#include "look.h"
+#include "response.h"
 
 enum {
     REGI_INFER_POSE = 6,    /* moves along the axes and turns about them; a seventh column of the pose is an offset of
                              * all points across the surface: of a scan, of a segmentation, or of facets, which bulge
                              * less than what they stand for. Without it they would be the work of a pressure */
-    REGI_INFER_MODES = 6,   /* rigid motions */
     REGI_INFER_WEIGHT = 3,  /* columns of the weight */
     REGI_INFER_REGIONS = 40 /* of unknown stiffness */
 };
+
+/* Length of the tractions, in shares of the size: about that of tools and hands. Longer ones, which evidence may well
+ * prefer, need so large a scale for what is local that the organ bends by far too much where it is not seen. */
+#define REGI_INFER_LENGTH 0.06
 
 /* What the prior of the loads is like. */
 typedef struct regi_infer_choice {
@@ -27,77 +30,59 @@ typedef struct regi_infer_choice {
     int is_local;    /* local[] of the inference counts */
 } regi_infer_choice;
 
-/* A point of the target and its place of the model. */
-typedef struct regi_infer_point {
-    sb_vec3 at, normal; /* m; unit, or 0 */
-    sb_real weight;     /* trust given */
-    sb_real sd;         /* m given, or 0 */
-    int patch;
-    /* of the last look */
-    int triangle;         /* of the skin, or -1 */
-    sb_real corner[3];    /* weights of its corners */
-    sb_vec3 place, plane; /* m; unit normal of the model there */
-    sb_real off;          /* gap less the median of its patch (m) */
-    sb_real gap;          /* plane . (at - place) (m) */
-    sb_real trust;        /* weight, less for outliers; 0: not allowed */
-    sb_real share;        /* of its patch's row */
-} regi_infer_point;
-
 struct reg_infer {
     sb_allocator allocator;
     const reg_infer_def *def; /* during the run */
     reg_model *model;
-    sb_direct *direct;
+    regi_response response; /* where the organ was before the last round */
+    regi_look look;
     regi_gauss gauss;
     regi_infer_choice choice;
     reg_quality quality;
     void *memory;
-    int node_count, point_count, patch_count, landmark_count;
-    int loads;                /* 3 per control point, then the weight's: 3 c + 3 */
-    double begun;             /* on the clock */
-    regi_infer_point *points; /* [point_count] by patch */
-    int *patch_start;         /* [patch_count + 1] into points */
-    int *patch_of;            /* [count of data] patch, or -1 - component of a landmark */
-    sb_real *sort;            /* [point_count] scratch */
-    sb_real noise;            /* m: of the points */
-    double *averaged;         /* [data] m^2: the part of the variance that averages out */
-    sb_embedding_rows marks;  /* of the landmarks in the mesh */
-    sb_vec3 *mark_seen;       /* [landmark_count] m */
-    sb_real *mark_sd;         /* [landmark_count] m */
-    double *raw;              /* [loads][gauss.most] responses of data, then resultants, to unit tractions and weight */
-    double *root;             /* [c][c] of the present prior */
-    double *extended;         /* [most][most] gram of responses to tractions with their resultants */
-    double *local, *trial_local; /* [c] */
-    double *energy;              /* [c + 6] */
-    double *c;                   /* [loads] found, in the gauss' units */
-    double *draw;                /* [loads] */
-    double *datum;               /* [most] scratch */
-    sb_vec3 *tractions;          /* [c] scratch */
-    sb_vec3 *row;                /* [SBI_FRONT_GROUP][nodes] */
-    sb_vec3 *skin;               /* [skin nodes] where they are (m) */
-    sb_vec3 *residual;           /* [nodes] internal forces of the shape before the last round (N) */
-    sb_vec3 *forces;             /* [nodes] found (N) */
-    sb_vec3 *increment, *trial;  /* [nodes] */
-    sb_vec3 *shape;              /* [nodes] displacements found (m) */
-    sb_vec3 *errors;             /* [DRAWS][nodes] of draws (m), calibrated */
-    sb_real *expected;           /* [nodes] m */
-    sb_vec3 *cell_force;         /* [cells][nodes per cell] internal forces (N) */
-    sb_vec3 *poisson_force;      /* [nodes] what 0.02 of Poisson's ratio do to them (N) */
-    sb_real *region;             /* [cells][REGIONS] shares */
-    sb_vec3 centre;              /* m: turns of the pose are about it */
-    sb_vec3 *weighted_modes;     /* [MODES][nodes] rigid motions times shares of the mass, of nothing-held organs, */
-    sb_vec3 *drift;              /* [MODES][nodes] and what these as forces do */
-    double drift_system[REGI_INFER_MODES * REGI_INFER_MODES]; /* their products, factored */
-    double pose_sd[REGI_INFER_POSE];                          /* m, rad */
-    double pose[REGI_INFER_POSE];                             /* reached: m, rad */
-    double next[REGI_GAUSS_POSES];                            /* found in this round; the offset last (m) */
-    double temper;                                            /* share of the evidence that counts, (0, 1] */
+    int node_count, landmark_count;
+    int loads;               /* 3 per control point, then the weight's: 3 c + 3 */
+    double begun;            /* on the clock */
+    int *patch_of;           /* [count of data] patch, or -1 - component of a landmark */
+    double *averaged;        /* [data] m^2: the part of the variance that averages out */
+    sb_embedding_rows marks; /* of the landmarks in the mesh */
+    sb_vec3 *mark_seen;      /* [landmark_count] m */
+    sb_real *mark_sd;        /* [landmark_count] m */
+    double *raw;             /* [loads][gauss.most] responses of data, then resultants, to unit tractions and weight */
+    double *root;            /* [c][c] of the present prior */
+    double *extended;        /* [most][most] gram of responses to tractions with their resultants */
+    double *local, *trial_local;     /* [c] */
+    double *energy;                  /* [c + 6] */
+    double *c;                       /* [loads] found, in the gauss' units */
+    double *draw;                    /* [loads] */
+    double *datum;                   /* [most] scratch */
+    sb_vec3 *tractions;              /* [c] scratch */
+    sb_vec3 *row;                    /* [REGI_RESPONSE_GROUP][nodes] */
+    sb_vec3 *skin;                   /* [skin nodes] where they are (m) */
+    sb_vec3 *forces;                 /* [nodes] found (N) */
+    sb_vec3 *increment, *trial;      /* [nodes] */
+    sb_vec3 *shape;                  /* [nodes] displacements found (m) */
+    sb_vec3 *errors;                 /* [DRAWS][nodes] of draws (m), calibrated */
+    sb_real *expected;               /* [nodes] m */
+    sb_vec3 *cell_force;             /* [cells][nodes per cell] internal forces (N) */
+    sb_vec3 *poisson_force;          /* [nodes] what 0.02 of Poisson's ratio do to them (N) */
+    sb_real *region;                 /* [cells][REGIONS] shares */
+    double pose_sd[REGI_INFER_POSE]; /* m, rad */
+    double pose[REGI_INFER_POSE];    /* reached: m, rad */
+    double next[REGI_GAUSS_POSES];   /* found in this round; the offset last (m) */
+    double temper;                   /* share of the evidence that counts, (0, 1] */
 };
+
+/* ---- infer ---- */
+/* Points or a surface, a camera, numbers in range. SB_ERROR_ARGUMENT, SB_ERROR_NOT_FINITE (error->node). */
+REGI_API sb_result regi_infer_check_points(const reg_points *target, sb_error *error);
+/* 1: orthonormal, of determinant 1, finite. */
+REGI_API int regi_infer_is_motion(const reg_rigid *motion);
 
 /* ---- infer_rows ---- */
 /* Seconds on the caller's clock, 0 without one. */
 REGI_API double regi_infer_now(const reg_infer *infer);
-/* Groups the points into patches: fills points, patch_start. SB_ERROR_MEMORY. */
+/* Groups the points into patches: fills the look. SB_ERROR_MEMORY. */
 REGI_API sb_result regi_infer_group(reg_infer *infer, int patches, sb_error *error);
 /* Looks for the points' places on the model where it is now, trusts them, and lists the data: gauss.count, patch_of,
  * averaged. Returns how many patches count. */
@@ -109,6 +94,8 @@ REGI_API void regi_infer_row(const reg_infer *infer, int datum, sb_vec3 *row, do
 REGI_API double regi_infer_measure(const reg_infer *infer, int datum, const sb_vec3 *u);
 
 /* ---- infer_prior ---- */
+/* What a model cannot follow (m). */
+REGI_API double regi_infer_least_misfit(const reg_model *model);
 /* Variances of the data for a misfit (m). */
 REGI_API void regi_infer_set_misfit(reg_infer *infer, double misfit);
 /* Columns and resultants of the gauss for a choice. 0: none. */
@@ -119,11 +106,6 @@ REGI_API int regi_infer_choose(reg_infer *infer);
 REGI_API void regi_infer_unfold(const reg_infer *infer, const double *c, sb_vec3 *tractions, sb_vec3 *weight);
 
 /* ---- infer_respond ---- */
-/* Factor and residual of the shape of now. The factor's errors. */
-REGI_API sb_result regi_infer_factor(reg_infer *infer, sb_error *error);
-/* Motions of `count` rows of forces, row[count][nodes], in place, at most SBI_FRONT_GROUP: none of what is held, and
- * none of the whole, which is the pose's. */
-REGI_API void regi_infer_solve_rows(reg_infer *infer, sb_vec3 *row, int count);
 /* Responses, gaps and resultants of the data at hand. */
 REGI_API void regi_infer_respond(reg_infer *infer);
 

@@ -25,82 +25,14 @@ static void regi_infer_store(reg_infer *f, int at, const sb_vec3 *row)
     }
 }
 
-/* What is held does not move but with the pose. */
-static void regi_infer_hold(const reg_infer *f, sb_vec3 *row)
-{
-    const unsigned char *held = sb_body_supports(f->model->body);
-    for (int i = 0; i < f->node_count; i++)
-        row[i] = sbi_body_pick_axes(held[i], sb_v3(0, 0, 0), row[i]);
-}
-
-/* Takes the motion as a whole, by shares of the mass, out of u[nodes], by forces on the modes. */
-static void regi_infer_stop_drift(const reg_infer *f, sb_vec3 *u)
-{
-    size_t n = (size_t)f->node_count;
-    double c[REGI_INFER_MODES];
-    for (int k = 0; k < REGI_INFER_MODES; k++) {
-        c[k] = 0;
-        for (size_t i = 0; i < n; i++)
-            c[k] += (double)sb_v3_dot(f->weighted_modes[(size_t)k * n + i], u[i]);
-    }
-    regi_gauss_substitute(f->drift_system, REGI_INFER_MODES, REGI_INFER_MODES, c);
-    for (int k = 0; k < REGI_INFER_MODES; k++)
-        for (size_t i = 0; i < n; i++)
-            u[i] = sb_v3_madd(u[i], (sb_real)-c[k], f->drift[(size_t)k * n + i]);
-}
-
-REGI_API void regi_infer_solve_rows(reg_infer *f, sb_vec3 *row, int count)
-{
-    for (int s = 0; s < count; s++)
-        regi_infer_hold(f, row + (size_t)s * (size_t)f->node_count);
-    (void)sb_direct_solve(f->direct, &row[0].x, &row[0].x, count);
-    for (int s = 0; s < count && !f->model->held; s++)
-        regi_infer_stop_drift(f, row + (size_t)s * (size_t)f->node_count);
-}
-
-/* The modes about where the organ is, and their system. 0: it is not positive. */
-static int regi_infer_find_drift(reg_infer *f)
-{
-    const sb_vec3 *x = sb_body_positions(f->model->body);
-    size_t n = (size_t)f->node_count;
-    for (int k = 0; k < REGI_INFER_MODES; k++) {
-        sb_vec3 axis = sb_v3(k % 3 == 0, k % 3 == 1, k % 3 == 2);
-        for (size_t i = 0; i < n; i++) {
-            sb_vec3 turned = sb_v3_scale(1 / f->model->size, sb_v3_cross(axis, sb_v3_sub(x[i], f->centre)));
-            f->weighted_modes[(size_t)k * n + i] = sb_v3_scale(f->model->prior.weight[i], k < 3 ? axis : turned);
-        }
-    }
-    memcpy(f->drift, f->weighted_modes, REGI_INFER_MODES * n * sizeof *f->drift);
-    for (int k = 0; k < REGI_INFER_MODES; k++)
-        (void)sb_direct_solve(f->direct, &f->drift[(size_t)k * n].x, &f->drift[(size_t)k * n].x, 1);
-    for (int k = 0; k < REGI_INFER_MODES; k++)
-        for (int l = 0; l < REGI_INFER_MODES; l++) {
-            double sum = 0;
-            for (size_t i = 0; i < n; i++)
-                sum += (double)sb_v3_dot(f->weighted_modes[(size_t)k * n + i], f->drift[(size_t)l * n + i]);
-            f->drift_system[k * REGI_INFER_MODES + l] = sum;
-        }
-    return regi_gauss_cholesky(f->drift_system, REGI_INFER_MODES, REGI_INFER_MODES);
-}
-
-REGI_API sb_result regi_infer_factor(reg_infer *f, sb_error *error)
-{
-    /* what holds nothing-held organs acts on increments only, and balanced loads do not notice */
-    sb_real hold = (sb_real)(f->model->held ? 1e-4 : 1e-2) * REGI_MODEL_YOUNG * f->model->size;
-    sb_result result = sbi_body_factor(f->model->body, hold, f->residual, f->direct, error);
-    if (result == SB_OK && !f->model->held && !regi_infer_find_drift(f))
-        result = sbi_fail(error, SB_ERROR_INDEFINITE, "the organ's stiffness is not positive");
-    return result;
-}
-
 /* Responses of all data, a group at a time, and the gaps that loads and pose have to close in all: those seen, and
  * those that would open if the present loads and pose went. */
 static void regi_infer_measure_data(reg_infer *f)
 {
     regi_gauss *g = &f->gauss;
     size_t n = (size_t)f->node_count;
-    for (int first = 0; first < g->count; first += SBI_FRONT_GROUP) {
-        int count = sbi_min_int(SBI_FRONT_GROUP, g->count - first);
+    for (int first = 0; first < g->count; first += REGI_RESPONSE_GROUP) {
+        int count = sbi_min_int(REGI_RESPONSE_GROUP, g->count - first);
         memset(f->row, 0, (size_t)count * n * sizeof *f->row);
         for (int s = 0; s < count; s++) {
             double pose[REGI_INFER_POSE];
@@ -112,11 +44,11 @@ static void regi_infer_measure_data(reg_infer *f)
             g->pose[(size_t)REGI_INFER_POSE * (size_t)g->most + (size_t)(first + s)] =
                 f->patch_of[first + s] < 0 ? 0 : REGI_INFER_OFFSET * (double)f->model->size;
         }
-        regi_infer_solve_rows(f, f->row, count);
+        regi_response_solve(&f->response, f->row, count);
         for (int s = 0; s < count; s++) {
             const sb_vec3 *row = f->row + (size_t)s * n;
             for (size_t i = 0; i < n; i++)
-                g->gap[first + s] += (double)sb_v3_dot(row[i], f->residual[i]);
+                g->gap[first + s] += (double)sb_v3_dot(row[i], f->response.residual[i]);
             regi_infer_store(f, first + s, row);
         }
     }
@@ -129,7 +61,8 @@ static void regi_infer_sum_up(reg_infer *f)
     for (int e = 0; e < f->gauss.exact; e++) {
         sb_vec3 axis = sb_v3(e % 3 == 0, e % 3 == 1, e % 3 == 2);
         for (int i = 0; i < f->node_count; i++)
-            f->row[i] = e < 3 ? axis : sb_v3_scale(1 / f->model->size, sb_v3_cross(axis, sb_v3_sub(x[i], f->centre)));
+            f->row[i] =
+                e < 3 ? axis : sb_v3_scale(1 / f->model->size, sb_v3_cross(axis, sb_v3_sub(x[i], f->response.centre)));
         regi_infer_store(f, f->gauss.count + e, f->row);
     }
 }

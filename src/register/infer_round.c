@@ -35,10 +35,10 @@ static void regi_infer_try(reg_infer *f, double share)
     sb_mat3 rotation;
     for (int k = 0; k < REGI_INFER_POSE; k++)
         d[k] = (sb_real)(share * (f->next[k] - f->pose[k]));
-    way = sb_v3_add(f->centre, sb_v3(d[0], d[1], d[2]));
+    way = sb_v3_add(f->response.centre, sb_v3(d[0], d[1], d[2]));
     rotation = sb_quat_to_mat3(sb_quat_from_rotation_vector(sb_v3(d[3], d[4], d[5])));
     for (int i = 0; i < f->node_count; i++) {
-        sb_vec3 moved = sb_v3_sub(sb_v3_madd(x[i], (sb_real)share, f->increment[i]), f->centre);
+        sb_vec3 moved = sb_v3_sub(sb_v3_madd(x[i], (sb_real)share, f->increment[i]), f->response.centre);
         f->trial[i] = sb_v3_sub(sb_v3_add(sb_m3_apply(rotation, moved), way), f->model->mesh.nodes[i]);
     }
 }
@@ -86,8 +86,8 @@ static sb_result regi_infer_solve(reg_infer *f, int round, sb_error *error)
     regi_infer_unfold(f, f->c, f->tractions, &weight);
     regi_prior_forces(&f->model->prior, f->tractions, weight, f->forces);
     for (int i = 0; i < f->node_count; i++)
-        f->increment[i] = sb_v3_sub(f->forces[i], f->residual[i]);
-    regi_infer_solve_rows(f, f->increment, 1);
+        f->increment[i] = sb_v3_sub(f->forces[i], f->response.residual[i]);
+    regi_response_solve(&f->response, f->increment, 1);
     return SB_OK;
 }
 
@@ -97,7 +97,7 @@ REGI_API sb_result regi_infer_round(reg_infer *f, int round, sb_error *error)
     sb_result result;
     if (regi_infer_look(f, round) == 0)
         return sbi_fail(error, SB_ERROR_NOT_CONVERGED, "no point of the target is near a place of the organ");
-    result = regi_infer_factor(f, error);
+    result = regi_response_factor(&f->response, error);
     if (result != SB_OK)
         return result;
     regi_infer_respond(f);

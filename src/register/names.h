@@ -98,6 +98,15 @@
 #define reg_infer_get_quality reg_infer_get_quality_f32
 #define reg_prior_string reg_prior_string_f32
 #define reg_infer_stop_string reg_infer_stop_string_f32
+#define reg_default_track_def reg_default_track_def_f32
+#define reg_track_create reg_track_create_f32
+#define reg_track_destroy reg_track_destroy_f32
+#define reg_track_restart reg_track_restart_f32
+#define reg_track_set_target reg_track_set_target_f32
+#define reg_track_step reg_track_step_f32
+#define reg_track_displacements reg_track_displacements_f32
+#define reg_track_covariances reg_track_covariances_f32
+#define reg_track_state_string reg_track_state_string_f32
 #endif
 #endif
 

@@ -106,6 +106,7 @@
  * reg_loads    what a match leaves open: the few loads on the surface, and the pose, that give the organ its shape.
  * reg_model    an organ as an inference knows it: mesh, surface, what holds it.
  * reg_infer    pose and shape from whatever part is seen, by loads that nobody knows, with the error to expect.
+ * reg_track    follows an organ that moves, scan by scan, in milliseconds.
  * reg_nicp     non-rigid ICP: an sb_body drawn to pairs of points, also by what a camera sees.
  *
  * LICENCE

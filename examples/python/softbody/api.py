@@ -331,6 +331,10 @@ REG_PRIOR_RIGID = 0
 REG_PRIOR_SMOOTH = 1
 REG_PRIOR_LOCAL = 2
 REG_PRIOR_GRAVITY = 3
+REG_TRACK_FOLLOWS = 0
+REG_TRACK_PREDICTS = 1
+REG_TRACK_JUMPED = 2
+REG_TRACK_LOST = 3
 
 class sb_error(Structure): pass
 class sb_allocator(Structure): pass
@@ -511,6 +515,9 @@ class reg_landmark(Structure): pass
 class reg_infer_def(Structure): pass
 class reg_infer(Structure): pass
 class reg_quality(Structure): pass
+class reg_track_def(Structure): pass
+class reg_track(Structure): pass
+class reg_track_info(Structure): pass
 
 sb_error._fields_ = [
     ("result", c_int),
@@ -2180,6 +2187,37 @@ reg_quality._fields_ = [
     ("seconds_choice", c_double),
     ("seconds_draws", c_double),
 ]
+reg_track_def._fields_ = [
+    ("model", POINTER(reg_model)),
+    ("start", POINTER(reg_infer)),
+    ("pose", reg_rigid),
+    ("pose_sd", c_double),
+    ("pose_turn", c_double),
+    ("modes", c_int),
+    ("patches", c_int),
+    ("most_points", c_int),
+    ("motion", c_double),
+    ("memory", c_double),
+    ("wander", c_double),
+    ("turn", c_double),
+    ("misfit", c_double),
+    ("lost_after", c_double),
+    ("clock", CFUNCTYPE(c_double)),
+    ("cookie", c_uint),
+]
+reg_track_info._fields_ = [
+    ("state", c_int),
+    ("time", c_double),
+    ("blind", c_double),
+    ("seen", c_double),
+    ("used", c_double),
+    ("noise", c_double),
+    ("residual", c_double),
+    ("innovation", c_double),
+    ("expected", c_double),
+    ("seconds", c_double),
+    ("error", sb_error),
+]
 
 
 FUNCTIONS = {  # name: (what it returns, parameters)
@@ -2753,6 +2791,15 @@ FUNCTIONS = {  # name: (what it returns, parameters)
     "reg_infer_get_quality": (c_int, (POINTER(reg_infer), POINTER(reg_quality), )),
     "reg_prior_string": (c_char_p, (c_int, )),
     "reg_infer_stop_string": (c_char_p, (c_int, )),
+    "reg_default_track_def": (reg_track_def, ()),
+    "reg_track_create": (c_int, (POINTER(reg_track_def), POINTER(POINTER(reg_track)), POINTER(sb_error), )),
+    "reg_track_destroy": (None, (POINTER(reg_track), )),
+    "reg_track_restart": (c_int, (POINTER(reg_track), POINTER(reg_infer), POINTER(sb_error), )),
+    "reg_track_set_target": (c_int, (POINTER(reg_track), POINTER(reg_points), POINTER(sb_error), )),
+    "reg_track_step": (c_int, (POINTER(reg_track), c_double, POINTER(reg_track_info), )),
+    "reg_track_displacements": (c_int, (POINTER(reg_track), POINTER(sb_vec3), )),
+    "reg_track_covariances": (c_int, (POINTER(reg_track), POINTER(sb_mat3), )),
+    "reg_track_state_string": (c_char_p, (c_int, )),
 }
 
 DOCUMENTATION = {
@@ -3190,4 +3237,11 @@ DOCUMENTATION = {
     'reg_infer_covariance': 'Where points[count] of the organ at rest (m) are, moved[count], and the covariance of that, covariances[count] (m^2);\neither may be NULL. SB_ERROR_NOT_FINITE, what sb_embedding_create says of points far off, SB_ERROR_MEMORY\nleave both untouched. From the draws, so that single covariances are known to a quarter.',
     'reg_infer_get_quality': 'SB_ERROR_ARGUMENT.',
     'reg_prior_string': '"rigid", "smooth", "local", "gravity"; "converged", "rounds", "time".',
+    'reg_track_create': "Makes a tracker; all memory is taken here, from the model's allocator. Takes the time of a round of an inference.\nSB_ERROR_ARGUMENT (a field, named), SB_ERROR_INVERTED, SB_ERROR_INDEFINITE, SB_ERROR_MEMORY: *track is then\nuntouched. Deterministic, as steps are; the same bits for any number of threads.",
+    'reg_track_restart': "Begins anew about an inference's answer, or, `start` NULL, about where the organ is now: shapes are linear about\nthat, what was known of the amounts is forgotten, and the pose is as sure as at a start. For after it was lost, and\nfor large deformations. Allocates nothing; takes as long as the creation. The errors of reg_track_create: nothing\nhas changed then. A target that waits stays.",
+    'reg_track_set_target': 'What is seen now, for the next step; replaces a target that waits. Copied. A surface is refused. SB_ERROR_ARGUMENT,\nalso for more than def.most_points, and SB_ERROR_NOT_FINITE (error->node: the point): nothing has changed.',
+    'reg_track_step': 'Goes on by dt (s, > 0), and takes in the target that waits, if there is one. Allocates nothing. info may be NULL.\nSB_ERROR_ARGUMENT, SB_ERROR_INDEFINITE, SB_ERROR_NOT_FINITE: nothing has changed but that the target is gone.',
+    'reg_track_displacements': "displacements[nodes] (m) of the model's nodes from rest to where they are in the target's frame.",
+    'reg_track_covariances': "covariances[nodes] (m^2) of that, in the target's frame. Some (modes + 6)^2 multiply-adds a node: for a look now and\nthen, not for each frame.",
+    'reg_track_state_string': '"follows", "predicts", "jumped", "lost".',
 }

@@ -18,6 +18,8 @@ typedef struct sbi_direct_piece {
     size_t panel; /* first entry of its columns of L, [3 row_count] entries each */
 } sbi_direct_piece;
 
+enum { SBI_DIRECT_GROUPS = 8 }; /* of right-hand sides, that a panel serves while it is near */
+
 struct sb_direct {
     sb_allocator allocator;
     void *memory; /* the one block behind all arrays */
@@ -35,7 +37,7 @@ struct sb_direct {
     sb_real *signs;    /* [3 node_count] of D, by column: 1 or -1 */
     sb_real *sizes;    /* [3 node_count] largest entry of each row */
     sb_real *pack;     /* scratch of the fronts' arithmetic */
-    sb_real *solution; /* [3 node_count][SBI_FRONT_GROUP] of a solve, by column */
+    sb_real *solution; /* [GROUPS][3 node_count][SBI_FRONT_GROUP] of a solve, by column */
     sb_real *gathered; /* [largest_front][SBI_FRONT_GROUP] */
     size_t factor_count, stack_count;
     int ready; /* 1: there is a factor */
@@ -307,7 +309,7 @@ static void sbi_direct_layout(sb_direct *d, const sbi_direct_plan *plan, sbi_are
     d->signs = (sb_real *)sbi_arena_take(arena, n, 3 * sizeof(sb_real));
     d->sizes = (sb_real *)sbi_arena_take(arena, n, 3 * sizeof(sb_real));
     d->pack = (sb_real *)sbi_arena_take(arena, SBI_FRONT_PACK, sizeof(sb_real));
-    d->solution = (sb_real *)sbi_arena_take(arena, n, 3 * SBI_FRONT_GROUP * sizeof(sb_real));
+    d->solution = (sb_real *)sbi_arena_take(arena, n, SBI_DIRECT_GROUPS * 3 * SBI_FRONT_GROUP * sizeof(sb_real));
     d->gathered = (sb_real *)sbi_arena_take(arena, (size_t)d->info.largest_front, SBI_FRONT_GROUP * sizeof(sb_real));
 }
 
@@ -567,13 +569,14 @@ SBI_API void sbi_direct_take_values(sb_direct *direct) { direct->ready = 1; }
 
 /* ---- solving ---- */
 
-/* Copies the rows of a piece between the solution and the dense scratch. */
-static void sbi_direct_move(const sb_direct *d, const sbi_direct_piece *piece, int count, int group, int back)
+/* Copies the rows of a piece between a solution and the dense scratch. */
+static void sbi_direct_move(const sb_direct *d, const sbi_direct_piece *piece, sb_real *solution, int count, int group,
+                            int back)
 {
     size_t bytes = 3 * (size_t)group * sizeof(sb_real);
     const int *rows = d->rows + piece->row_start;
     for (int r = 0; r < count; r++) {
-        sb_real *whole = d->solution + 3 * (size_t)rows[r] * (size_t)group;
+        sb_real *whole = solution + 3 * (size_t)rows[r] * (size_t)group;
         sb_real *part = d->gathered + 3 * (size_t)r * (size_t)group;
         if (back)
             memcpy(whole, part, bytes);
@@ -582,25 +585,46 @@ static void sbi_direct_move(const sb_direct *d, const sbi_direct_piece *piece, i
     }
 }
 
-/* Solves for `group` right-hand sides in the solution. */
-static void sbi_direct_substitute(sb_direct *d, int group)
+/* Solves for `groups` times `group` right-hand sides in the solution: a panel that has come from memory serves all
+ * groups before the next one comes. */
+static void sbi_direct_substitute(sb_direct *d, int groups, int group)
 {
+    size_t stride = 3 * (size_t)d->node_count * (size_t)group;
     for (int s = 0; s < d->piece_count; s++) {
         const sbi_direct_piece *piece = d->pieces + s;
         size_t width = 3 * (size_t)(piece->last - piece->first);
-        sbi_direct_move(d, piece, piece->row_count, group, 0);
-        sbi_front_forward(d->factor + piece->panel, 3 * (size_t)piece->row_count, width, d->gathered, group);
-        sbi_direct_move(d, piece, piece->row_count, group, 1);
+        for (int k = 0; k < groups; k++) {
+            sb_real *solution = d->solution + (size_t)k * stride;
+            sbi_direct_move(d, piece, solution, piece->row_count, group, 0);
+            sbi_front_forward(d->factor + piece->panel, 3 * (size_t)piece->row_count, width, d->gathered, group);
+            sbi_direct_move(d, piece, solution, piece->row_count, group, 1);
+        }
     }
-    for (int k = 0; d->kind == SB_DIRECT_LDLT && k < 3 * d->node_count; k++)
-        for (int g = 0; g < group; g++)
-            d->solution[(size_t)k * (size_t)group + (size_t)g] *= d->signs[k];
+    for (size_t k = 0; d->kind == SB_DIRECT_LDLT && k < (size_t)groups * stride; k++)
+        d->solution[k] *= d->signs[k % stride / (size_t)group];
     for (int s = d->piece_count - 1; s >= 0; s--) {
         const sbi_direct_piece *piece = d->pieces + s;
         size_t width = 3 * (size_t)(piece->last - piece->first);
-        sbi_direct_move(d, piece, piece->row_count, group, 0);
-        sbi_front_backward(d->factor + piece->panel, 3 * (size_t)piece->row_count, width, d->gathered, group);
-        sbi_direct_move(d, piece, piece->last - piece->first, group, 1);
+        for (int k = 0; k < groups; k++) {
+            sb_real *solution = d->solution + (size_t)k * stride;
+            sbi_direct_move(d, piece, solution, piece->row_count, group, 0);
+            sbi_front_backward(d->factor + piece->panel, 3 * (size_t)piece->row_count, width, d->gathered, group);
+            sbi_direct_move(d, piece, solution, piece->last - piece->first, group, 1);
+        }
+    }
+}
+
+/* Copies unknowns[3 node_count] to those of right-hand side g in the solution, or back. */
+static void sbi_direct_carry(sb_direct *d, int g, int group, const sb_real *from, sb_real *back)
+{
+    size_t n = 3 * (size_t)d->node_count;
+    sb_real *solution = d->solution + (size_t)(g / group) * n * (size_t)group + (size_t)(g % group);
+    for (size_t k = 0; k < n; k++) {
+        sb_real *at = solution + (3 * (size_t)d->position[k / 3] + k % 3) * (size_t)group;
+        if (back)
+            back[k] = *at;
+        else
+            *at = from[k];
     }
 }
 
@@ -611,16 +635,13 @@ SB_API sb_result sb_direct_solve(sb_direct *direct, const sb_real *rhs, sb_real 
         return SB_ERROR_ARGUMENT;
     for (int first = 0; first < count;) {
         int group = count - first >= SBI_FRONT_GROUP ? SBI_FRONT_GROUP : 1;
-        for (int g = 0; g < group; g++)
-            for (size_t k = 0; k < n; k++)
-                direct->solution[(3 * (size_t)direct->position[k / 3] + k % 3) * (size_t)group + (size_t)g] =
-                    rhs[(size_t)(first + g) * n + k];
-        sbi_direct_substitute(direct, group);
-        for (int g = 0; g < group; g++)
-            for (size_t k = 0; k < n; k++)
-                x[(size_t)(first + g) * n + k] =
-                    direct->solution[(3 * (size_t)direct->position[k / 3] + k % 3) * (size_t)group + (size_t)g];
-        first += group;
+        int groups = sbi_min_int((count - first) / group, SBI_DIRECT_GROUPS);
+        for (int g = 0; g < groups * group; g++)
+            sbi_direct_carry(direct, g, group, rhs + (size_t)(first + g) * n, NULL);
+        sbi_direct_substitute(direct, groups, group);
+        for (int g = 0; g < groups * group; g++)
+            sbi_direct_carry(direct, g, group, NULL, x + (size_t)(first + g) * n);
+        first += groups * group;
     }
     return SB_OK;
 }

@@ -1,0 +1,32 @@
+/* response: how an organ answers to forces where it is now, linearly. Floor 6, internal. */
+#ifndef REGI_RESPONSE_H
+#define REGI_RESPONSE_H
+
+#include "../softbody/solve/direct_front.h"
+#include "model_private.h"
+
+enum {
+    REGI_RESPONSE_MODES = 6, /* rigid motions */
+    REGI_RESPONSE_GROUP =
+        8 * SBI_FRONT_GROUP /* rows that are worth solving at once: the factor is read once for them */
+};
+
+typedef struct regi_response {
+    reg_model *model;
+    sb_direct *direct;
+    sb_vec3 centre;          /* m: turns of the pose are about it; set by the owner */
+    sb_vec3 *residual;       /* [nodes] internal forces of the shape that was factored (N) */
+    sb_vec3 *weighted_modes; /* [MODES][nodes] rigid motions times shares of the mass, of nothing-held organs, */
+    sb_vec3 *drift;          /* [MODES][nodes] and what these as forces do */
+    double drift_system[REGI_RESPONSE_MODES * REGI_RESPONSE_MODES]; /* their products, factored */
+} regi_response;
+
+/* Takes its arrays from an arena. */
+REGI_API void regi_response_layout(regi_response *response, int node_count, sbi_arena *arena);
+/* Factor and residual of the shape of now. The factor's errors. */
+REGI_API sb_result regi_response_factor(regi_response *response, sb_error *error);
+/* Motions of `count` rows of forces, row[count][nodes], in place: none of what is held, and
+ * none of the whole, which is the pose's. */
+REGI_API void regi_response_solve(regi_response *response, sb_vec3 *row, int count);
+
+#endif /* REGI_RESPONSE_H */

@@ -1,0 +1,112 @@
+/* track: follows an organ that moves, scan by scan. Floor 6.
+ *
+ *     reg_track_def def = reg_default_track_def();
+ *     def.model = model;
+ *     def.start = infer;                                  (of the first scan; or def.pose)
+ *     reg_track_create(&def, &track, &error);
+ *     every frame:
+ *         reg_track_set_target(track, &points, &error);   (the scan of now; none where it dropped out)
+ *         reg_track_step(track, dt, &info);
+ *         reg_track_displacements(track, displacements);
+ *     reg_track_destroy(track);
+ *
+ * Where an inference (infer.h) takes part of a second to find an organ of which nothing is known, a tracker takes
+ * milliseconds to follow one that is known. Its state is a pose and the amounts of `modes` shapes, those that carry
+ * most of what tractions drawn from the prior do to the organ; all is Gaussian. Between scans the pose wanders, and the
+ * amounts go back to the start as a process of Ornstein and Uhlenbeck does, so that errors to expect grow in a
+ * drop-out, but not beyond what loads may do. A scan brings gaps between the surface and the points, as rows of the
+ * state; places on the surface are looked for twice. Each target counts in one step. What a coarse surface is off by
+ * does not average out over frames: so the change since the last frame is drawn from a prior whose scale evidence
+ * chooses, and the error to expect is what this frame alone leaves open. (A Kalman filter that takes such errors for
+ * noise grows sure of them, and drifts.) Three targets on end that agree with nothing that was expected (gaps too
+ * large, or far fewer points than lately to be believed) are a jump: all is open again about where the organ was, and
+ * the next frames search wider.
+ *
+ * The shapes are linear about the start. Strains of a tenth, or parts that turn by 20 degrees against each other, are
+ * beyond that: restart about where the organ is then (reg_track_restart).
+ *
+ * Sources: MacKay 1992 for evidence; Halko et al. 2011 for the search of shapes. */
+#ifndef REG_TRACK_H
+#define REG_TRACK_H
+
+#include "infer.h"
+
+/* What is asked. Start from reg_default_track_def(), set model. */
+typedef struct reg_track_def {
+    reg_model *model;       /* borrowed; it must outlive the tracker. Steps leave it alone, so that an inference may use
+                             * it meanwhile; creation and restarts use it as an inference does */
+    const reg_infer *start; /* of this model: where the organ is and what shape it has, read during the call; or NULL */
+    reg_rigid pose;         /* for start NULL: the organ is at rest there; default: none but the model's own */
+    sb_real pose_sd;        /* m: what the place of the organ's middle may be off at the start; default 0: what `start`
+                             * says, or 0.02 of the size */
+    sb_real pose_turn;      /* rad, in [0, 10]: and its turn; default 0: what `start` says, or 0.05 */
+    int modes;              /* shapes, [1, 96]; default 48 */
+    int patches;            /* of the surface, whose points count as one datum each, [30, 1000]; default 300 */
+    int most_points;        /* of a target, [1, 10000000]; default 2000 */
+    sb_real motion;         /* m: root mean square motion of the nodes by loads to expect, beside the pose; default 0:
+                             * 0.03 of the size */
+    sb_real memory;         /* s, > 0: in that amounts go back towards the start; default 1 */
+    sb_real wander;         /* m: deviation of the middle after a second, per axis; default 0: 0.04 of the size */
+    sb_real turn;           /* rad, in [0, 10]: and of the turn; default 0: 0.15 */
+    sb_real misfit;         /* m: of what does not average out, as facets; default 0: what `start` found, or what the
+                             * model's nodes let expect */
+    double lost_after;      /* s, > 0: without a target for longer the organ is lost; default 0.5 */
+    sb_clock clock;         /* default NULL: times read 0 */
+    unsigned cookie;        /* set by reg_default_track_def */
+} reg_track_def;
+REG_API reg_track_def reg_default_track_def(void);
+
+typedef struct reg_track reg_track;
+
+/* Makes a tracker; all memory is taken here, from the model's allocator. Takes the time of a round of an inference.
+ * SB_ERROR_ARGUMENT (a field, named), SB_ERROR_INVERTED, SB_ERROR_INDEFINITE, SB_ERROR_MEMORY: *track is then
+ * untouched. Deterministic, as steps are; the same bits for any number of threads. */
+REG_API sb_result reg_track_create(const reg_track_def *def, reg_track **track, sb_error *error);
+REG_API void reg_track_destroy(reg_track *track); /* NULL is fine; the model stays */
+
+/* Begins anew about an inference's answer, or, `start` NULL, about where the organ is now: shapes are linear about
+ * that, what was known of the amounts is forgotten, and the pose is as sure as at a start. For after it was lost, and
+ * for large deformations. Allocates nothing; takes as long as the creation. The errors of reg_track_create: nothing
+ * has changed then. A target that waits stays. */
+REG_API sb_result reg_track_restart(reg_track *track, const reg_infer *start, sb_error *error);
+
+/* What is seen now, for the next step; replaces a target that waits. Copied. A surface is refused. SB_ERROR_ARGUMENT,
+ * also for more than def.most_points, and SB_ERROR_NOT_FINITE (error->node: the point): nothing has changed. */
+REG_API sb_result reg_track_set_target(reg_track *track, const reg_points *target, sb_error *error);
+
+typedef enum reg_track_state {
+    REG_TRACK_FOLLOWS = 0,  /* the target was taken in */
+    REG_TRACK_PREDICTS = 1, /* there was none, or no point of it had an allowed place: the organ is where it was */
+    REG_TRACK_JUMPED = 2,   /* three targets in a row agreed with nothing that was expected: all is open again */
+    REG_TRACK_LOST = 3      /* no target for longer than def.lost_after: restart, from reg_icp's or another pose */
+} reg_track_state;
+
+typedef struct reg_track_info {
+    reg_track_state state;
+    double time;        /* s: sum of all steps */
+    double blind;       /* s since the last target that was taken in */
+    sb_real seen;       /* share of the surface with points that are believed, this frame */
+    sb_real used;       /* share of the target's weight that was believed */
+    sb_real noise;      /* m: standard deviation of the points across the surface, estimated */
+    sb_real residual;   /* m: mean distance of the points believed from the surface, before the last correction */
+    sb_real innovation; /* squared gaps over what was expected of them, mean: about 1 or less */
+    sb_real expected;   /* m: root mean square error to expect, over the nodes */
+    double seconds;     /* with a clock */
+    sb_error error;     /* of a step that failed */
+} reg_track_info;
+
+/* Goes on by dt (s, > 0), and takes in the target that waits, if there is one. Allocates nothing. info may be NULL.
+ * SB_ERROR_ARGUMENT, SB_ERROR_INDEFINITE, SB_ERROR_NOT_FINITE: nothing has changed but that the target is gone. */
+REG_API sb_result reg_track_step(reg_track *track, double dt, reg_track_info *info);
+
+/* ---- where it is: SB_ERROR_ARGUMENT for NULL -------------------------------------------------------------------- */
+
+/* displacements[nodes] (m) of the model's nodes from rest to where they are in the target's frame. */
+REG_API sb_result reg_track_displacements(const reg_track *track, sb_vec3 *displacements);
+/* covariances[nodes] (m^2) of that, in the target's frame. Some (modes + 6)^2 multiply-adds a node: for a look now and
+ * then, not for each frame. */
+REG_API sb_result reg_track_covariances(const reg_track *track, sb_mat3 *covariances);
+/* "follows", "predicts", "jumped", "lost". */
+REG_API const char *reg_track_state_string(reg_track_state state);
+
+#endif /* REG_TRACK_H */

@@ -1,0 +1,520 @@
+/* Tests of tracking: random organs that breathe and drift, of another mesh and law than the model's, seen in part, with
+ * noise and drop-outs, beside the tracker of a rigid organ; the filter's closed forms; jumps, losses, restarts; frames,
+ * threads, memory. */
+#define SB_SPLIT_BUILD
+#include "../src/register/track_private.h"
+
+#include "check.h"
+#include "organ_motion.h"
+
+enum { SCAN = 600 };
+
+/* ---- organs ---- */
+
+/* A point of the fine mesh in the model's: rows of the fine nodes. */
+static sb_embedding_rows rows_of(const motion *m)
+{
+    sb_embedding_def def = sb_default_embedding_def();
+    sb_embedding *embedding = NULL;
+    sb_embedding_rows rows;
+    memset(&rows, 0, sizeof rows);
+    def.mesh = &m->coarse;
+    def.points = m->fine.nodes;
+    def.point_count = m->fine.node_count;
+    def.kind = SB_EMBED_PLAIN;
+    def.max_distance = REAL(0.25 * m->size);
+    if (CHECK_OK(sb_embedding_create(&def, &embedding, NULL)))
+        CHECK_OK(sb_embedding_mapping(embedding, NULL, &rows, NULL));
+    sb_embedding_destroy(embedding);
+    return rows;
+}
+
+/* Mean distance (m) of the fine nodes from where the tracker has them. */
+static double error_of(const motion *m, const sb_embedding_rows *rows, const reg_track *track)
+{
+    sb_vec3 *displacements = (sb_vec3 *)calloc((size_t)m->coarse.node_count, sizeof(sb_vec3));
+    sb_vec3 *there = (sb_vec3 *)calloc((size_t)m->fine.node_count, sizeof(sb_vec3));
+    double sum = 0;
+    CHECK_OK(reg_track_displacements(track, displacements));
+    sb_mapping_apply(&rows->mapping, displacements, there);
+    for (int i = 0; i < m->fine.node_count; i++)
+        sum += (double)sb_v3_norm(sb_v3_sub(sb_v3_add(m->fine.nodes[i], there[i]), m->now[i]));
+    free(displacements);
+    free(there);
+    return sum / m->fine.node_count;
+}
+
+/* Half a breath and back in 3 s at 10 Hz, with a drop-out of 0.3 s; returns the mean error (m), and of what is to be
+ * expected, over the frames with a scan. */
+static double follow(motion *m, const sb_embedding_rows *rows, double motion_sd, double *expected)
+{
+    reg_track_def def = reg_default_track_def();
+    reg_track *track = NULL;
+    reg_track_info info;
+    sb_vec3 points[SCAN];
+    unsigned long long seed = 5;
+    double sum = 0;
+    int counted = 0;
+    def.model = m->model;
+    def.motion = REAL(motion_sd);
+    *expected = 0;
+    if (!CHECK_OK(reg_track_create(&def, &track, NULL)))
+        return 0;
+    for (int frame = 0; frame < 30; frame++) {
+        reg_points target;
+        memset(&target, 0, sizeof target);
+        target.points = points;
+        motion_move(m, 0.5 - 0.5 * cos(6.283 * frame / 30), sin(6.283 * frame / 50));
+        target.count = motion_scan(m, &seed, sb_v3(0, 0, 1), 0.4, 0, 0.7e-3, SCAN, points);
+        if (frame < 18 || frame > 20)
+            CHECK_OK(reg_track_set_target(track, &target, NULL));
+        CHECK_OK(reg_track_step(track, 0.1, &info));
+        if (motion_sd == 0) /* to a rigid organ this looks like a jump */
+            CHECK_INT(info.state, frame < 18 || frame > 20 ? REG_TRACK_FOLLOWS : REG_TRACK_PREDICTS);
+        CHECK(info.expected > 0 && info.seen < REAL(0.8));
+        if (frame < 3 || (frame >= 18 && frame < 23))
+            continue;
+        CHECK(info.seen > REAL(0.2) && info.used > REAL(0.7));
+        sum += error_of(m, rows, track);
+        *expected += (double)info.expected;
+        counted++;
+    }
+    reg_track_destroy(track);
+    *expected /= counted;
+    return sum / counted;
+}
+
+/* An organ that is drawn by 3 % of its size over a wide part of it is followed, on the mean more closely than by a
+ * tracker that knows of poses only, and never much worse. What is to be expected is of the size of what is. */
+static void test_organs(void)
+{
+    int organs = check_quick() ? 1 : 2;
+    double sums[2] = {0, 0};
+    for (int k = 0; k < organs; k++) {
+        motion m;
+        if (motion_make(&m, 71 + (unsigned long long)k, k ? 0.03 : -0.03, 0.3, 0.08, NULL, NULL)) {
+            sb_embedding_rows rows = rows_of(&m);
+            double expected, none, elastic = follow(&m, &rows, 0, &expected);
+            double rigid = follow(&m, &rows, 1e-6 * m.size, &none);
+            CHECK(elastic < 1.1 * rigid && elastic < 0.012 * m.size);
+            CHECK(expected > 0.5 * elastic && expected < 4 * elastic);
+            sums[0] += elastic;
+            sums[1] += rigid;
+            sb_embedding_rows_free(&rows);
+        }
+        motion_free(&m);
+    }
+    CHECK(sums[0] < sums[1]);
+}
+
+/* ---- a box ---- */
+
+typedef struct box {
+    sb_mesh mesh;
+    sb_boundary skin;
+    reg_model *model;
+    reg_track *track;
+    sb_vec3 points[SCAN];
+} box;
+
+static int make_box(box *b, const sb_allocator *allocator, const sb_jobs *jobs)
+{
+    reg_model_def model = reg_default_model_def();
+    reg_track_def def = reg_default_track_def();
+    memset(b, 0, sizeof *b);
+    b->mesh = scene_box(SB_TET4, 5, 4, 3, sb_v3(REAL(0.2), REAL(0.14), REAL(0.08)), 0);
+    CHECK_OK(sb_mesh_boundary(&b->mesh, 1, NULL, &b->skin, NULL));
+    model.mesh = &b->mesh;
+    if (allocator)
+        model.allocator = *allocator;
+    if (jobs)
+        model.jobs = *jobs;
+    if (!CHECK_OK(reg_model_create(&model, &b->model, NULL)))
+        return 0;
+    def.model = b->model;
+    def.modes = 12;
+    def.patches = 60;
+    def.misfit = REAL(1e-4);
+    return CHECK_OK(reg_track_create(&def, &b->track, NULL));
+}
+
+static void free_box(box *b)
+{
+    reg_track_destroy(b->track);
+    reg_model_destroy(b->model);
+    sb_boundary_free(&b->skin);
+    sb_mesh_free(&b->mesh);
+}
+
+/* Where the middles of the surface's triangles are: bent by `bend` (1/m) and moved. */
+static reg_points scan_box(box *b, double bend, sb_vec3 way)
+{
+    const sb_mesh *skin = &b->skin.surface;
+    reg_points target;
+    memset(&target, 0, sizeof target);
+    target.points = b->points;
+    target.count = skin->element_count;
+    CHECK(target.count <= SCAN);
+    for (int e = 0; e < target.count; e++) {
+        const int *c = skin->elements + 3 * e;
+        sb_vec3 sum = sb_v3_add(skin->nodes[c[0]], sb_v3_add(skin->nodes[c[1]], skin->nodes[c[2]]));
+        sb_vec3 x = sb_v3_scale(REAL(1.0 / 3), sum);
+        double away = (double)x.x - 0.1;
+        b->points[e] = sb_v3_add(way, sb_v3(x.x, x.y, x.z + REAL(bend * away * away)));
+    }
+    return target;
+}
+
+static void step_box(box *b, double bend, sb_vec3 way, reg_track_info *info)
+{
+    reg_points target = scan_box(b, bend, way);
+    CHECK_OK(reg_track_set_target(b->track, &target, NULL));
+    CHECK_OK(reg_track_step(b->track, 1.0 / 30, info));
+}
+
+/* Mean distance (m) of the nodes from the surface's shape. */
+static double box_error(const box *b, double bend, sb_vec3 way)
+{
+    sb_vec3 *u = (sb_vec3 *)calloc((size_t)b->mesh.node_count, sizeof *u);
+    double sum = 0;
+    CHECK_OK(reg_track_displacements(b->track, u));
+    for (int i = 0; i < b->mesh.node_count; i++) {
+        double away = (double)b->mesh.nodes[i].x - 0.1;
+        sb_vec3 there = sb_v3_add(way, sb_v3(0, 0, REAL(bend * away * away)));
+        sum += (double)sb_v3_norm(sb_v3_sub(u[i], there));
+    }
+    free(u);
+    return sum / b->mesh.node_count;
+}
+
+/* A target that stays: the organ stays, and gaps that its few shapes cannot close are no jump, however often they are
+ * larger than expected. */
+static void test_still(void)
+{
+    box b;
+    if (make_box(&b, NULL, NULL)) {
+        sb_vec3 way = sb_v3(REAL(0.004), REAL(-0.003), REAL(0.002));
+        reg_track_info info;
+        double before = 0;
+        for (int frame = 0; frame < 40; frame++) {
+            step_box(&b, 0.4, way, &info);
+            CHECK_INT(info.state, REG_TRACK_FOLLOWS);
+            CHECK(info.innovation > REAL(1.5) && info.innovation < 6 && info.seen > REAL(0.95));
+            before = frame == 19 ? box_error(&b, 0.4, way) : before;
+        }
+        CHECK(before < 1.2e-3);
+        CHECK_NEAR(box_error(&b, 0.4, way), before, 2e-4);
+    }
+    free_box(&b);
+}
+
+/* The posterior of a Gaussian model: its covariance is the inverse of what the rows tell and what was known before, of
+ * the pose by the covariance that time left, of the amounts by their scale. */
+static void test_posterior(void)
+{
+    box b;
+    if (make_box(&b, NULL, NULL)) {
+        reg_track *t = b.track;
+        reg_track_info info;
+        int n = t->unknowns, q = t->def.modes;
+        double worst = 0;
+        for (int frame = 0; frame < 2; frame++)
+            step_box(&b, 0.3, sb_v3(REAL(0.002), 0, 0), &info);
+        for (int k = 0; k < n; k++)
+            for (int l = 0; l < n; l++) {
+                double sum = 0;
+                for (int j = 0; j < n; j++) {
+                    double told = j < k ? t->information[j * n + k] : t->information[k * n + j];
+                    if (k >= q && j >= q)
+                        told += t->pose_precision[(k - q) * REGI_TRACK_POSE + j - q];
+                    else if (k == j)
+                        told += 1 / (t->known.scale * t->known.scale);
+                    sum += told * t->known.covariance[j * n + l];
+                }
+                worst = fmax(worst, fabs(sum - (k == l)));
+            }
+        CHECK(worst < 1e-6);
+    }
+    free_box(&b);
+}
+
+/* Without a target the amounts go back to the prior of their scale as a process of Ornstein and Uhlenbeck does, and the
+ * pose wanders: covariances are those of the closed form, also in two steps for one. */
+static void test_forgets(void)
+{
+    box b[2];
+    if (make_box(b, NULL, NULL) && make_box(b + 1, NULL, NULL)) {
+        reg_track *t = b[0].track;
+        reg_track_info info;
+        int n = t->unknowns, q = t->def.modes;
+        double *before = (double *)malloc((size_t)(n * n) * sizeof *before), kept = exp(-0.2), mean;
+        for (int k = 0; k < 2; k++)
+            step_box(b + k, 0.3, sb_v3(0, 0, 0), &info);
+        memcpy(before, t->known.covariance, (size_t)(n * n) * sizeof *before);
+        mean = t->known.mean[0];
+        CHECK_OK(reg_track_step(t, 0.2, &info));
+        CHECK_INT(info.state, REG_TRACK_PREDICTS);
+        CHECK_NEAR(t->known.mean[0], kept * mean, 1e-12 * fabs(mean));
+        for (int k = 0; k < n; k++)
+            for (int l = 0; l < n; l++) {
+                double rate = (double)(k < q + 3 ? t->def.wander : t->def.turn);
+                double square = t->known.scale * t->known.scale,
+                       grown = k < q ? (1 - kept * kept) * square : 0.2 * rate * rate;
+                double exact = (k < q ? kept : 1) * (l < q ? kept : 1) * before[k * n + l] + (k == l ? grown : 0);
+                CHECK_NEAR(t->known.covariance[k * n + l], exact, 1e-9 * (square + fabs(exact)));
+            }
+        CHECK_OK(reg_track_step(b[1].track, 0.1, NULL));
+        CHECK_OK(reg_track_step(b[1].track, 0.1, NULL));
+        for (int k = 0; k < n * n; k++)
+            CHECK_NEAR(t->known.covariance[k], b[1].track->known.covariance[k], 1e-9);
+        free(before);
+    }
+    free_box(b);
+    free_box(b + 1);
+}
+
+/* Covariances are symmetric, positive, and their mean trace is the square of the error to expect. */
+static void test_covariances(void)
+{
+    box b;
+    if (make_box(&b, NULL, NULL)) {
+        reg_track_info info;
+        sb_mat3 *c = (sb_mat3 *)calloc((size_t)b.mesh.node_count, sizeof *c), inverse;
+        double sum = 0;
+        for (int frame = 0; frame < 3; frame++)
+            step_box(&b, 0.5, sb_v3(0, 0, REAL(0.002)), &info);
+        CHECK_OK(reg_track_covariances(b.track, c));
+        for (int i = 0; i < b.mesh.node_count; i++) {
+            sum += (double)sb_m3_trace(c[i]) / b.mesh.node_count;
+            CHECK(sb_m3_spd_inverse(c[i], &inverse) == 0);
+            CHECK(sb_abs(c[i].m[0][1] - c[i].m[1][0]) <= 100 * SB_EPSILON * sb_m3_trace(c[i]));
+        }
+        CHECK_NEAR(sqrt(sum), info.expected, 1e-4 * (double)info.expected);
+        free(c);
+    }
+    free_box(&b);
+}
+
+/* ---- jumps, losses, restarts ---- */
+
+/* Jumps: of a fifth of the thickness, of more than a third and sideways, and of most of it, where points look like
+ * another surface's: each is followed, or known for a jump, within three frames, and caught up with in the next six. */
+static void test_jump(void)
+{
+    const double ways[3][3] = {{0.003, 0.002, 0.016}, {0.03, 0.02, 0.03}, {0.05, 0.03, 0.07}};
+    int jumps = 0;
+    for (int k = 0; k < 3; k++) {
+        sb_vec3 way = sb_v3(REAL(ways[k][0]), REAL(ways[k][1]), REAL(ways[k][2]));
+        box b;
+        if (make_box(&b, NULL, NULL)) {
+            reg_track_info info;
+            int caught = -1, found = -1;
+            for (int frame = 0; frame < 10; frame++) {
+                step_box(&b, 0, sb_v3(0, 0, 0), &info);
+                CHECK_INT(info.state, REG_TRACK_FOLLOWS);
+            }
+            for (int frame = 0; frame < 9; frame++) {
+                step_box(&b, 0, way, &info);
+                found = found < 0 && info.state == REG_TRACK_JUMPED ? frame : found;
+                caught = caught < 0 && box_error(&b, 0, way) < 1e-3 ? frame : caught;
+            }
+            jumps += found >= 0;
+            CHECK((caught >= 0 && caught < 3) || (found >= 0 && found < 3));
+            CHECK(box_error(&b, 0, way) < 1e-3);
+        }
+        free_box(&b);
+    }
+    CHECK(jumps > 0);
+}
+
+/* Gone for longer than half a second it is lost; a start from an inference finds it again. */
+static void test_lost(void)
+{
+    box b;
+    if (make_box(&b, NULL, NULL)) {
+        sb_vec3 away = sb_v3(REAL(0.1), REAL(-0.05), REAL(0.05));
+        reg_track_info info;
+        reg_infer_def def = reg_default_infer_def();
+        reg_infer *infer = NULL;
+        sb_real before;
+        step_box(&b, 0, sb_v3(0, 0, 0), &info);
+        before = info.expected;
+        for (int frame = 0; frame < 14; frame++)
+            CHECK_OK(reg_track_step(b.track, 1.0 / 30, &info));
+        CHECK_INT(info.state, REG_TRACK_PREDICTS);
+        CHECK_OK(reg_track_step(b.track, 0.1, &info));
+        CHECK_INT(info.state, REG_TRACK_LOST);
+        CHECK_NEAR(info.blind, 14.0 / 30 + 0.1, 1e-9);
+        CHECK(info.expected > 2 * before);
+        def.model = b.model;
+        def.target = scan_box(&b, 0.3, away);
+        def.start.translation = away;
+        def.samples = 60;
+        if (CHECK_OK(reg_infer_run(&def, &infer, NULL)) && CHECK_OK(reg_track_restart(b.track, infer, NULL))) {
+            for (int frame = 0; frame < 3; frame++)
+                step_box(&b, 0.3, away, &info);
+            CHECK_INT(info.state, REG_TRACK_FOLLOWS);
+            CHECK(box_error(&b, 0.3, away) < 1.5e-3);
+        }
+        reg_infer_destroy(infer);
+        before = REAL(box_error(&b, 0.3, away));
+        CHECK_OK(reg_track_restart(b.track, NULL, NULL)); /* about where it is */
+        CHECK_NEAR(box_error(&b, 0.3, away), before, 1e-5);
+    }
+    free_box(&b);
+}
+
+/* ---- what must not matter ---- */
+
+/* In another frame everything is the same there. */
+static void test_frames(void)
+{
+    sb_vec3 *u[2];
+    box b;
+    reg_rigid pose = reg_rigid_identity();
+    pose.rotation = sb_quat_to_mat3(sb_quat_from_rotation_vector(sb_v3(1, REAL(-0.5), REAL(0.7))));
+    pose.translation = sb_v3(REAL(0.3), REAL(-0.2), REAL(0.1));
+    for (int k = 0; k < 2; k++) {
+        reg_track_def def = reg_default_track_def();
+        reg_track *track = NULL;
+        if (!make_box(&b, NULL, NULL))
+            return;
+        u[k] = (sb_vec3 *)calloc((size_t)b.mesh.node_count, sizeof(sb_vec3));
+        def.model = b.model;
+        def.modes = 12;
+        def.pose = k ? pose : reg_rigid_identity();
+        if (CHECK_OK(reg_track_create(&def, &track, NULL))) {
+            for (int frame = 0; frame < 5; frame++) {
+                reg_points target = scan_box(&b, 0.1 * frame, sb_v3(REAL(0.001 * frame), 0, 0));
+                for (int i = 0; k && i < target.count; i++)
+                    b.points[i] = reg_rigid_apply(&pose, b.points[i]);
+                CHECK_OK(reg_track_set_target(track, &target, NULL));
+                CHECK_OK(reg_track_step(track, 1.0 / 30, NULL));
+            }
+            CHECK_OK(reg_track_displacements(track, u[k]));
+        }
+        reg_track_destroy(track);
+        if (k == 1)
+            for (int i = 0; i < b.mesh.node_count; i++) {
+                sb_vec3 here = reg_rigid_apply(&pose, sb_v3_add(b.mesh.nodes[i], u[0][i]));
+                sb_vec3 off = sb_v3_sub(here, sb_v3_add(b.mesh.nodes[i], u[1][i]));
+                CHECK((double)sb_v3_norm(off) < (sizeof(sb_real) == 8 ? 1e-9 : 1e-3));
+            }
+        free_box(&b);
+    }
+    free(u[0]);
+    free(u[1]);
+}
+
+/* A target replaced by itself, refused targets and steps, and any number of threads: the same bits. */
+static void test_bits(void)
+{
+    unsigned long long hash[3] = {0, 1, 2};
+    for (int k = 0; k < 3; k++) {
+        int workers = k == 2 ? 3 : 1;
+        sb_jobs jobs = scene_jobs(&workers);
+        box b;
+        if (make_box(&b, NULL, &jobs)) {
+            size_t bytes = (size_t)b.mesh.node_count * sizeof(sb_vec3);
+            sb_vec3 *u = (sb_vec3 *)calloc(1, bytes);
+            reg_track_info info;
+            for (int frame = 0; frame < 4; frame++) {
+                if (k == 1) {
+                    reg_points bad, target = scan_box(&b, 0.1 * frame, sb_v3(0, 0, 0));
+                    CHECK_OK(reg_track_set_target(b.track, &target, NULL));
+                    bad = target;
+                    bad.count = 2001;
+                    CHECK_INT(reg_track_set_target(b.track, NULL, NULL), SB_ERROR_ARGUMENT);
+                    bad.count = 0;
+                    CHECK_INT(reg_track_set_target(b.track, &bad, NULL), SB_ERROR_ARGUMENT);
+                    CHECK_INT(reg_track_step(b.track, 0, &info), SB_ERROR_ARGUMENT);
+                    CHECK(info.error.message[0] != 0);
+                }
+                step_box(&b, 0.1 * frame, sb_v3(0, 0, 0), &info);
+            }
+            CHECK_OK(reg_track_displacements(b.track, u));
+            hash[k] = scene_hash(u, bytes);
+            free(u);
+        }
+        free_box(&b);
+    }
+    CHECK(hash[0] == hash[1] && hash[0] == hash[2]);
+}
+
+/* ---- refusals, memory ---- */
+
+static void test_refusals(void)
+{
+    box b;
+    if (make_box(&b, NULL, NULL)) {
+        reg_track_def def = reg_default_track_def();
+        reg_track *track = NULL;
+        reg_points target = scan_box(&b, 0, sb_v3(0, 0, 0));
+        sb_error error;
+        CHECK_INT(reg_track_create(&def, &track, &error), SB_ERROR_ARGUMENT); /* no model */
+        def.model = b.model;
+        def.modes = 97;
+        CHECK_INT(reg_track_create(&def, &track, &error), SB_ERROR_ARGUMENT);
+        def.modes = 4;
+        def.memory = 0;
+        CHECK_INT(reg_track_create(&def, &track, &error), SB_ERROR_ARGUMENT);
+        def.memory = 1;
+        def.pose.rotation.m[0][0] = 2;
+        CHECK_INT(reg_track_create(&def, &track, &error), SB_ERROR_ARGUMENT);
+        def.pose = reg_rigid_identity();
+        def.most_points = 10;
+        CHECK_INT(reg_track_create(&def, NULL, &error), SB_ERROR_ARGUMENT);
+        CHECK(track == NULL);
+        CHECK_OK(reg_track_create(&def, &track, &error));
+        CHECK_INT(reg_track_set_target(track, &target, &error), SB_ERROR_ARGUMENT); /* too many */
+        target.count = 10;
+        b.points[7].y = (sb_real)NAN;
+        CHECK_INT(reg_track_set_target(track, &target, &error), SB_ERROR_NOT_FINITE);
+        CHECK_INT(error.node, 7);
+        target.points = NULL;
+        target.surface = &b.skin.surface;
+        CHECK_INT(reg_track_set_target(track, &target, &error), SB_ERROR_ARGUMENT);
+        CHECK(strcmp(reg_track_state_string(REG_TRACK_JUMPED), "jumped") == 0);
+        reg_track_destroy(track);
+    }
+    free_box(&b);
+}
+
+static void test_memory(void)
+{
+    scene_memory memory = {0, 0, 0, 0};
+    sb_allocator allocator = scene_allocator(&memory);
+    sb_result result = SB_ERROR_MEMORY;
+    box b;
+    if (make_box(&b, &allocator, NULL)) {
+        reg_track_def def = reg_default_track_def();
+        reg_track_info info;
+        int frames = getenv("CHECK_SLOW") ? 10000 : 300;
+        def.model = b.model;
+        def.modes = 4;
+        for (int fail = 1, before = (int)memory.live; result == SB_ERROR_MEMORY && fail < 100; fail++) {
+            reg_track *track = NULL;
+            memory.calls = 0;
+            memory.fail_at = fail;
+            result = reg_track_create(&def, &track, NULL);
+            CHECK(result == SB_OK || result == SB_ERROR_MEMORY);
+            CHECK((track != NULL) == (result == SB_OK));
+            memory.fail_at = 0;
+            reg_track_destroy(track);
+            CHECK_INT(memory.live, before);
+        }
+        CHECK_OK(result);
+        memory.calls = 0;
+        for (int frame = 0; frame < frames; frame++)
+            step_box(&b, 0.3 * sin(0.2 * frame), sb_v3(0, 0, 0), &info);
+        CHECK_INT(memory.calls, 0);
+        CHECK_OK(reg_track_restart(b.track, NULL, NULL));
+        CHECK_INT(memory.calls, 0);
+    }
+    free_box(&b);
+    CHECK_INT(memory.live, 0);
+}
+
+CHECK_SUITE(track, {"organs", test_organs}, {"still", test_still}, {"posterior", test_posterior},
+            {"forgets", test_forgets}, {"covariances", test_covariances}, {"jump", test_jump}, {"lost", test_lost},
+            {"frames", test_frames}, {"bits", test_bits}, {"refusals", test_refusals}, {"memory", test_memory});
