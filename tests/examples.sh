@@ -1,6 +1,6 @@
 #!/bin/sh
 # Runs hello, custom_element, demo, viscoelastic, haptic_loop, liver_models, surface_to_sim, cylinder_study, the needle
-# programs, grasp, palpation, identify, drop, cut_scalpel, cautery, cut_resect, cut_force, cut_study, one_body, register_liver and insilico as
+# programs, grasp, palpation, identify, drop, igtl_server, igtl_client, cut_scalpel, cautery, cut_resect, cut_force, cut_study, one_body, register_liver and insilico as
 # a user would, with good and bad arguments and files:
 #
 #     tests/examples.sh PROGRAMS FOLDER       programs in PROGRAMS (build), files into FOLDER, which is emptied
@@ -639,6 +639,30 @@ expect 2 'is none of: pbsm' insilico --methods magic
 expect 2 'no-such-file.vtk' insilico no-such-file.vtk
 expect 2 'no-such-folder' insilico --coarse 4 --fine 5 --patterns gravity --methods icp -o no-such-folder/x.svg
 
+# ---- igtl_server, igtl_client: in two processes ----
+expect 0 '^usage: igtl_server' igtl_server --help
+expect 0 '^usage: igtl_client' igtl_client --help
+"$programs/igtl_server" --port 0 --cells 5 --seconds 300 >server.txt 2>&1 &
+server=$! tries=0 port=
+while [ -z "$port" ] && [ $tries -lt 100 ]; do
+    sleep 0.2
+    port=$(sed -n 's/^listening .*:\([0-9]*\),.*/\1/p' server.txt)
+    tries=$((tries + 1))
+done
+expect 0 '^pressed  *60 mm down: up to [0-9.]* N' igtl_client --port "${port:-1}" --frames 30
+check "the organ gave way, and was pulled" awk '/^pressed/ { force = $7 } /^moved/ { a = $2; b = $5 }
+    END { exit !(force > 0.1 && a > 10 && b > 5) }' output.txt
+check "answers are timed" grep -q '^round trips  30 of [0-9.]* kB: median [0-9.]* ms' output.txt
+expect 2 'cannot be listened on' igtl_server --port "${port:-1}" --seconds 1
+kill $server
+wait $server 2>/dev/null
+expect 3 'no server; is igtl_server running' igtl_client --port "${port:-1}"
+expect 2 'no-such.vtk' igtl_server no-such.vtk
+expect_data 2 'is a surface' igtl_server surfaces/liver_a.obj
+expect 2 '--rate needs a number' igtl_server --rate 0
+expect 2 '--trips needs a whole number' igtl_client --trips none
+expect 2 'here is one word too many' igtl_client here
+
 # ---- drop ----
 expect 0 '^usage: drop' drop --help
 expect 0 '^rest=[01] floor_over_weight=[0-9.]* overlap_mm=[0-9.]* step_ms=' drop --count 2 --cells 3 -o drop
@@ -825,7 +849,7 @@ expect 2 'no-such-folder' needle_study --quick -o no-such-folder/study
 all="hello custom_element demo viscoelastic liver_models surface_to_sim cylinder_study needle_prostate needle_forces
     needle_control needle_obstacles needle_phantom one_body register_liver insilico case_solve haptic_loop grasp
     palpation drop cut_scalpel cut_resect cut_force cut_study
-    needle_study"
+    needle_study igtl_server igtl_client"
 # full_stdout PROGRAM [ARGUMENT...]: what is printed cannot be written, which is told, and is no success
 full_stdout() {
     program=$1
