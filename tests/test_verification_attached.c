@@ -77,6 +77,10 @@ static void test_pendulum(void)
     const double edge = 0.1, length = 1, gravity = 9.81, angle = 0.02;
     const double period = 2 * VERIFY_PI * sqrt(length / gravity);
     static const char *const names[] = {"tet4", "hex8"};
+    if (SB_REAL_IS_FLOAT) {
+        CHECK_SKIP("small swings on a stiff cable need double");
+        return;
+    }
     for (int k = 0; k < 2; k++) {
         const int steps = 200;
         hung_cube c;

@@ -3189,10 +3189,9 @@ public static unsafe class Native
     /// per volume of the mesh, fibres included, whose directions are those in the mesh at rest. Stress that an organ has
     /// where it was imaged, by region: arteries that draw together when cut, tendons under tension, swelling (G = s I, s &lt;
     /// 1). The mesh's own shape is then balanced only where supports hold it, or the regions' stresses each other: statics
-    /// find the balance, and a body of one G that nothing holds goes to F = G^-1, where it has no stress. Moduli, density and tolerances stay those
-    /// of the material and the mesh. Prony terms let this stress relax as any other, from when the body first moves. G = I
-    /// takes it away.
-    /// Source: Hoger 1986; Gee, Foerster and Wall 2010.
+    /// find the balance, and a body of one G that nothing holds goes to F = G^-1, where it has no stress. Moduli, density
+    /// and tolerances stay those of the material and the mesh. Prony terms let this stress relax as any other, from when the
+    /// body first moves. G = I takes it away. Source: Hoger 1986; Gee, Foerster and Wall 2010.
     /// </summary>
     [DllImport(Library, CallingConvention = CallingConvention.Cdecl)]
     public static extern sb_material sb_material_with_prestretch(sb_material material, sb_mat3 G);

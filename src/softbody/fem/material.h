@@ -208,10 +208,9 @@ SB_API sb_material sb_material_with_contraction(sb_material material, sb_real te
  * per volume of the mesh, fibres included, whose directions are those in the mesh at rest. Stress that an organ has
  * where it was imaged, by region: arteries that draw together when cut, tendons under tension, swelling (G = s I, s <
  * 1). The mesh's own shape is then balanced only where supports hold it, or the regions' stresses each other: statics
- * find the balance, and a body of one G that nothing holds goes to F = G^-1, where it has no stress. Moduli, density and tolerances stay those
- * of the material and the mesh. Prony terms let this stress relax as any other, from when the body first moves. G = I
- * takes it away.
- * Source: Hoger 1986; Gee, Foerster and Wall 2010. */
+ * find the balance, and a body of one G that nothing holds goes to F = G^-1, where it has no stress. Moduli, density
+ * and tolerances stay those of the material and the mesh. Prony terms let this stress relax as any other, from when the
+ * body first moves. G = I takes it away. Source: Hoger 1986; Gee, Foerster and Wall 2010. */
 SB_API sb_material sb_material_with_prestretch(sb_material material, sb_mat3 G);
 /* The hyperelastic material, relaxing by g(t) = 1 - sum g_i (1 - exp(-t/tau_i)): what it has of stress at constant
  * bulk modulus (isochoric models: psi's share) and of fibre stress fades, its moduli being the instantaneous ones.
