@@ -327,6 +327,75 @@ static void test_rows(void)
     }
 }
 
+/* ---- cables ---- */
+
+enum { CABLES = 20, CABLE_POINTS = 6 }; /* the last point of each is in space */
+
+/* Cables of no stiffness through points inside elements. */
+static void cables_add(block *b, const sb_vec3 *points, int *ids)
+{
+    sb_embedding *embedding = points_embed(b, points, SB_EMBED_PLAIN);
+    sb_embedding_rows rows;
+    CHECK_OK(sb_embedding_mapping(embedding, NULL, &rows, NULL));
+    for (int c = 0; c < CABLES; c++) {
+        const int first = c * CABLE_POINTS, *start = rows.mapping.row_start + first;
+        int starts[CABLE_POINTS + 1];
+        sb_mapping own = {CABLE_POINTS, starts, rows.mapping.nodes + start[0], rows.mapping.weights + start[0]};
+        sb_cable_def def = sb_default_cable_def();
+        sb_error error;
+        for (int k = 0; k <= CABLE_POINTS; k++)
+            starts[k] = start[k < CABLE_POINTS ? k : CABLE_POINTS - 1] - start[0];
+        def.count = CABLE_POINTS, def.rows = &own, def.places = points + first;
+        if (!CHECK_OK(sb_body_add_cable(b->body, &def, ids + c, &error)))
+            printf("%s\n", error.message);
+    }
+    sb_embedding_rows_free(&rows);
+    sb_embedding_destroy(embedding);
+}
+
+/* Points of cables go with their material where it is cut, places stay; recordings replay to the last bit. */
+static void test_cables(void)
+{
+    unsigned long long seed = 92;
+    for (int i = 0; i < 3; i++) {
+        block_options options = block_default(intervals_of[i]);
+        planes p = planes_make(2);
+        block b = block_make(&options), again = block_make(&options);
+        sb_vec3 *rest = (sb_vec3 *)malloc(POINTS * sizeof *rest), points[CABLE_POINTS];
+        sb_recording *recording = NULL;
+        sb_recording_report report;
+        double worst = 0;
+        int ids[CABLES], told = 0;
+        points_make(rest, 0, &seed);
+        CHECK_OK(sb_recording_start(b.body, 0, NULL, &recording, NULL));
+        cables_add(&b, rest, ids);
+        cut_all(&b, &p);
+        block_step(&b, 2);
+        sb_recording_stop(recording);
+        if (!CHECK_OK(sb_recording_replay(recording, again.body, &report)))
+            printf("%s, step %d\n", report.error.message, report.step);
+        CHECK(sb_body_state_hash(again.body) == sb_body_state_hash(b.body));
+        parts_move(&b, &p);
+        for (int c = 0; c < CABLES; c++) {
+            CHECK_OK(sb_body_cable_points(b.body, ids[c], points));
+            for (int k = 0; k < CABLE_POINTS; k++) {
+                sb_vec3 x = rest[c * CABLE_POINTS + k];
+                int sides = sides_of(&p, x, 1e-6, link_of(&b));
+                if (k == CABLE_POINTS - 1)
+                    CHECK(scene_distance(points + k, &x, 1) == 0);
+                else if (sides >= 0)
+                    worst = fmax(worst, (double)sb_v3_norm(sb_v3_sub(points[k], moved(sides, x)))), told++;
+            }
+        }
+        CHECK(told > CABLES);
+        CHECK_NEAR(worst, 0, scene_tolerance(1e-12 * (double)block_size.x, 200));
+        sb_recording_destroy(recording);
+        free(rest);
+        block_free(&b);
+        block_free(&again);
+    }
+}
+
 /* ---- the cell of a point ----------------------------------------------------------------------------------------- */
 
 static void test_find(void)
@@ -360,4 +429,5 @@ static void test_find(void)
 
 CHECK_SUITE(cut_follow, {"points go with their parts", test_points}, {"points stay when a cut is made", test_instant},
             {"states of other cuts", test_loaded}, {"changed by others", test_changed_by_others},
-            {"rows of mappings go with their parts", test_rows}, {"the cell of a point", test_find});
+            {"rows of mappings go with their parts", test_rows}, {"cables", test_cables},
+            {"the cell of a point", test_find});

@@ -860,6 +860,7 @@ public unsafe struct sb_material
     public double fibre_tension;
     public double fibre_optimum;
     public double fibre_width;
+    public sb_mat3 prestretch;
     public int prony_count;
     public fixed double prony_g[8];
     public fixed double prony_tau[8];
@@ -3295,6 +3296,19 @@ public static unsafe class Native
     [DllImport(Library, CallingConvention = CallingConvention.Cdecl)]
     public static extern sb_material sb_material_with_contraction(sb_material material, double tension, double optimum, double width);
     /// <summary>
+    /// The hyperelastic material, strained where the mesh is at rest: G takes each piece of it from where it had no stress
+    /// to its shape in the mesh, det G &gt; 0, so that
+    ///     W'(F) = W(F G) / det G,   P = P(F G) G^T / det G
+    /// per volume of the mesh, fibres included, whose directions are those in the mesh at rest. Stress that an organ has
+    /// where it was imaged, by region: arteries that draw together when cut, tendons under tension, swelling (G = s I, s &lt;
+    /// 1). The mesh's own shape is then balanced only where supports hold it, or the regions' stresses each other: statics
+    /// find the balance, and a body of one G that nothing holds goes to F = G^-1, where it has no stress. Moduli, density
+    /// and tolerances stay those of the material and the mesh. Prony terms let this stress relax as any other, from when the
+    /// body first moves. G = I takes it away. Source: Hoger 1986; Gee, Foerster and Wall 2010.
+    /// </summary>
+    [DllImport(Library, CallingConvention = CallingConvention.Cdecl)]
+    public static extern sb_material sb_material_with_prestretch(sb_material material, sb_mat3 G);
+    /// <summary>
     /// A count out of range is kept for sb_material_check to refuse; NULL counts as one.
     /// </summary>
     [DllImport(Library, CallingConvention = CallingConvention.Cdecl)]
@@ -3316,7 +3330,7 @@ public static unsafe class Native
     public static extern double sb_material_bulk(sb_material* material);
     /// <summary>
     /// Checks model, finiteness and ranges of a material (mu &gt; 0, bulk &gt; 0, density &gt; 0, Poisson's ratio in
-    /// (-1, 0.5); isochoric: c10 + c01 &gt; 0, d1 &gt; 0 and in agreement with lambda, mu; fibres and Prony terms as
+    /// (-1, 0.5); isochoric: c10 + c01 &gt; 0, d1 &gt; 0 and in agreement with lambda, mu; fibres, prestretch and Prony terms as
     /// their constructors say, and on hyperelastic models only). Returns SB_OK, or SB_ERROR_ARGUMENT (NULL, unknown
     /// model, count of Prony terms), SB_ERROR_NOT_FINITE or SB_ERROR_MATERIAL with the offending value in error (may
     /// be NULL). It does not decide whether a material stays stable under large strain: see sb_material_fit.
@@ -3887,6 +3901,15 @@ public static unsafe class Native
     [DllImport(Library, CallingConvention = CallingConvention.Cdecl)]
     public static extern sb_result sb_body_place(sb_body* body, int* nodes, int count, int axes, sb_vec3* positions, sb_error* error);
     /// <summary>
+    /// Nodes that hang on a rigid body moved by its pose (a bone, a clamp, a moving table): supports all axes, and the next
+    /// step takes each node from its place X at rest to position + turn (X - centre). centre (m) is a point of the rest
+    /// shape, position (m) where it goes; turn is taken at unit length. A step goes there exactly; the increments of a
+    /// static solve go straight, so that a large turn is better made in several solves. SB_ERROR_NOT_FINITE;
+    /// SB_ERROR_ARGUMENT (a turn of length 0). What the body feels of it: sb_body_wrench.
+    /// </summary>
+    [DllImport(Library, CallingConvention = CallingConvention.Cdecl)]
+    public static extern sb_result sb_body_place_rigid(sb_body* body, int* nodes, int count, sb_vec3 centre, sb_vec3 position, sb_quat turn, sb_error* error);
+    /// <summary>
     /// Frees the axes; their velocity stays.
     /// </summary>
     [DllImport(Library, CallingConvention = CallingConvention.Cdecl)]
@@ -3943,6 +3966,13 @@ public static unsafe class Native
     /// </summary>
     [DllImport(Library, CallingConvention = CallingConvention.Cdecl)]
     public static extern sb_vec3* sb_body_reactions(sb_body* body);
+    /// <summary>
+    /// The net force (N) of what holds these nodes on the body, and its torque (N m) about a point (m, in space), as
+    /// sb_body_reactions has them: a clamp, a bone or a table feels the opposite. Either place may be NULL. nodes[count],
+    /// each once. SB_ERROR_INDEX, SB_ERROR_NOT_FINITE leave both untouched.
+    /// </summary>
+    [DllImport(Library, CallingConvention = CallingConvention.Cdecl)]
+    public static extern sb_result sb_body_wrench(sb_body* body, int* nodes, int count, sb_vec3 about, sb_vec3* force, sb_vec3* torque, sb_error* error);
     /// <summary>
     /// All loads of the last solve (gravity, forces, tractions, and what pressures, springs and mappings exerted in it) as
     /// nodal forces (N), [node_count].

@@ -125,6 +125,7 @@
 #define sb_material_with_fibres sb_material_with_fibres_f32
 #define sb_material_with_dispersion sb_material_with_dispersion_f32
 #define sb_material_with_contraction sb_material_with_contraction_f32
+#define sb_material_with_prestretch sb_material_with_prestretch_f32
 #define sb_material_with_prony sb_material_with_prony_f32
 #define sb_material_preset sb_material_preset_f32
 #define sb_material_young sb_material_young_f32
@@ -218,6 +219,7 @@
 #define sb_body_set_solver sb_body_set_solver_f32
 #define sb_body_hold sb_body_hold_f32
 #define sb_body_place sb_body_place_f32
+#define sb_body_place_rigid sb_body_place_rigid_f32
 #define sb_body_release sb_body_release_f32
 #define sb_body_fix_nodes sb_body_fix_nodes_f32
 #define sb_body_prescribe sb_body_prescribe_f32
@@ -230,6 +232,7 @@
 #define sb_body_set_velocities sb_body_set_velocities_f32
 #define sb_body_reset sb_body_reset_f32
 #define sb_body_reactions sb_body_reactions_f32
+#define sb_body_wrench sb_body_wrench_f32
 #define sb_body_external_forces sb_body_external_forces_f32
 #define sb_body_energy sb_body_energy_f32
 #define sb_body_multiply_stiffness sb_body_multiply_stiffness_f32

@@ -109,7 +109,8 @@
  *              the literature, or by sb_material_fit() from measurements. sb_material_with_fibres() and _with_prony()
  *              add fibres and relaxation.
  * sb_body      a mesh with materials, supports, loads and a state of motion. Created from a def, stepped, read.
- * supports     degrees of freedom that follow a target: sb_body_hold holds, sb_body_place moves (a tool).
+ * supports     degrees of freedom that follow a target: sb_body_hold holds, sb_body_place moves (a tool),
+ *              sb_body_place_rigid by a pose (a bone), whose force and torque sb_body_wrench reads.
  * loads        gravity, nodal forces, tractions: dead loads that stay until sb_body_clear_loads. Pressures, springs to
  *              moving points, mapped points drawn to targets, and cables (sb_body_add_cable: ligaments, sutures) follow
  *              the body and have ids.

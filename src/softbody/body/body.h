@@ -161,6 +161,13 @@ SB_API sb_result sb_body_hold(sb_body *body, const int *nodes, int count, int ax
 /* Supports the axes; the next step takes them to positions[count] (m, in space). */
 SB_API sb_result sb_body_place(sb_body *body, const int *nodes, int count, int axes, const sb_vec3 *positions,
                                sb_error *error);
+/* Nodes that hang on a rigid body moved by its pose (a bone, a clamp, a moving table): supports all axes, and the next
+ * step takes each node from its place X at rest to position + turn (X - centre). centre (m) is a point of the rest
+ * shape, position (m) where it goes; turn is taken at unit length. A step goes there exactly; the increments of a
+ * static solve go straight, so that a large turn is better made in several solves. SB_ERROR_NOT_FINITE;
+ * SB_ERROR_ARGUMENT (a turn of length 0). What the body feels of it: sb_body_wrench. */
+SB_API sb_result sb_body_place_rigid(sb_body *body, const int *nodes, int count, sb_vec3 centre, sb_vec3 position,
+                                     sb_quat turn, sb_error *error);
 /* Frees the axes; their velocity stays. */
 SB_API sb_result sb_body_release(sb_body *body, const int *nodes, int count, int axes, sb_error *error);
 /* The same without an error, as earlier versions had them; sb_body_prescribe's targets are displacements from the
@@ -190,6 +197,11 @@ SB_API void sb_body_reset(sb_body *body);
  * balance, a share 1/(1 + spectral_radius) of the way through it (at the end where it had to take 0). [node_count],
  * valid until the next solve. */
 SB_API const sb_vec3 *sb_body_reactions(const sb_body *body);
+/* The net force (N) of what holds these nodes on the body, and its torque (N m) about a point (m, in space), as
+ * sb_body_reactions has them: a clamp, a bone or a table feels the opposite. Either place may be NULL. nodes[count],
+ * each once. SB_ERROR_INDEX, SB_ERROR_NOT_FINITE leave both untouched. */
+SB_API sb_result sb_body_wrench(const sb_body *body, const int *nodes, int count, sb_vec3 about, sb_vec3 *force,
+                                sb_vec3 *torque, sb_error *error);
 /* All loads of the last solve (gravity, forces, tractions, and what pressures, springs and mappings exerted in it) as
  * nodal forces (N), [node_count]. */
 SB_API const sb_vec3 *sb_body_external_forces(const sb_body *body);

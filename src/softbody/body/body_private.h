@@ -95,9 +95,9 @@ typedef struct sbi_step_guard {
 /* A call that changed a body, as its observer hears of it. A new mutator gets a code here, tells its body, and gets a
  * row in the replay table of record.c. Codes stand in files: never change one. */
 typedef enum sbi_command_code {
-    SBI_COMMAND_DESTROY = 0, /* the body is about to go */
-    SBI_COMMAND_MATERIAL =
-        1, /* a: 1 for all regions, 2 for its tension only; ints: region, model, Prony terms; reals: packed material */
+    SBI_COMMAND_DESTROY = 0,   /* the body is about to go */
+    SBI_COMMAND_MATERIAL = 1,  /* a: 1 for all regions, 2 for its tension only; ints: region, model, Prony terms; reals:
+                                * packed material,  and its prestretch where it has one */
     SBI_COMMAND_GRAVITY = 2,   /* reals: 3 */
     SBI_COMMAND_DAMPING = 3,   /* reals: alpha, beta */
     SBI_COMMAND_SOLVER = 4,    /* a: max_iterations; reals: tolerance */
@@ -137,6 +137,7 @@ typedef enum sbi_command_code {
     SBI_COMMAND_ADD_CABLE = 37, /* a: points, b: 1 when it pushes; ints: row starts, nodes; reals: places, rest length,
                                  * stiffness, toe strain, weights */
     SBI_COMMAND_CABLE = 38,     /* a: load; reals: rest length, stiffness */
+    SBI_COMMAND_POSE = 39,      /* ints: nodes; reals: centre, position, quaternion (w x y z) */
     SBI_COMMAND_COUNT
 } sbi_command_code;
 
@@ -352,7 +353,11 @@ SBI_API sb_result sbi_load_make(const sb_allocator *allocator, sbi_load_kind kin
 
 /* The numbers of a material but its model and count of Prony terms, for files: unpack(pack(m)) is m. A law is packed as
  * the mark of its name and found again among those that the body knows; NULL where none is it. */
-enum { SBI_MATERIAL_TENSION = 2 }; /* a of SBI_COMMAND_MATERIAL */
+enum {
+    SBI_MATERIAL_TENSION = 2,
+    SBI_MATERIAL_PRESTRETCH = 9
+}; /* a of SBI_COMMAND_MATERIAL; reals of a
+    * prestretch, which are packed apart */
 enum {
     SBI_MATERIAL_MODULI = 17,
     SBI_MATERIAL_OGDEN = SBI_MATERIAL_MODULI, /* where the lists start */

@@ -183,16 +183,31 @@ SBI_API sb_vec3 sbi_body_pick_axes(unsigned axes, sb_vec3 value, sb_vec3 otherwi
                  axes & SB_Z ? value.z : otherwise.z);
 }
 
+/* Where a rigid body has gone: x = position + turn (X - centre). */
+typedef struct sbi_support_pose {
+    sb_vec3 centre, position; /* m */
+    sb_quat given, turn;      /* of any length, and of unit length */
+} sbi_support_pose;
+
 /* Where supports are told to go. */
 typedef struct sbi_support_targets {
-    const sb_vec3 *vectors; /* NULL: where the nodes are now */
-    int uniform;            /* 1: one for all */
-    int positions;          /* 1: positions (m), 0: displacements */
+    const sb_vec3 *vectors;       /* NULL: where the nodes are now */
+    int uniform;                  /* 1: one for all */
+    int positions;                /* 1: positions (m), 0: displacements */
+    const sbi_support_pose *pose; /* of all in place of vectors; or NULL */
 } sbi_support_targets;
+
+static sb_vec3 sbi_body_pose_target(const sbi_support_pose *pose, sb_vec3 rest)
+{
+    sb_vec3 arm = sb_v3_sub(rest, pose->centre);
+    return sb_v3_add(sb_v3_sub(pose->position, pose->centre), sb_v3_sub(sb_quat_rotate(pose->turn, arm), arm));
+}
 
 static sb_vec3 sbi_body_support_target(const sb_body *body, const sbi_support_targets *targets, int node, int i)
 {
     sb_vec3 target;
+    if (targets->pose)
+        return sbi_body_pose_target(targets->pose, body->reference[node]);
     if (!targets->vectors)
         return body->displacement[node];
     target = targets->vectors[targets->uniform ? 0 : i];
@@ -202,7 +217,12 @@ static sb_vec3 sbi_body_support_target(const sb_body *body, const sbi_support_ta
 static void sbi_body_tell_supports(sb_body *body, const int *nodes, int count, int axes,
                                    const sbi_support_targets *targets)
 {
-    if (!targets->vectors)
+    const sbi_support_pose *p = targets->pose;
+    if (p) {
+        const sb_real reals[10] = {p->centre.x,   p->centre.y, p->centre.z, p->position.x, p->position.y,
+                                   p->position.z, p->given.w,  p->given.x,  p->given.y,    p->given.z};
+        sbi_body_tell(body, SBI_COMMAND_POSE, 0, 0, nodes, (size_t)count, reals, 10);
+    } else if (!targets->vectors)
         sbi_body_tell(body, SBI_COMMAND_FIX, axes, 0, nodes, (size_t)count, NULL, 0);
     else if (count > 0)
         sbi_body_tell(body, SBI_COMMAND_PRESCRIBE, axes,
@@ -251,15 +271,70 @@ static sb_result sbi_body_send(sb_body *body, const int *nodes, int count, int a
 
 SB_API sb_result sb_body_hold(sb_body *body, const int *nodes, int count, int axes, sb_error *error)
 {
-    sbi_support_targets now = {NULL, 0, 0};
+    sbi_support_targets now = {NULL, 0, 0, NULL};
     return sbi_body_support(body, nodes, count, axes, &now, error);
 }
 
 SB_API sb_result sb_body_place(sb_body *body, const int *nodes, int count, int axes, const sb_vec3 *positions,
                                sb_error *error)
 {
-    sbi_support_targets targets = {positions, 0, 1};
+    sbi_support_targets targets = {positions, 0, 1, NULL};
     return sbi_body_send(body, nodes, count, axes, &targets, error);
+}
+
+SB_API sb_result sb_body_place_rigid(sb_body *body, const int *nodes, int count, sb_vec3 centre, sb_vec3 position,
+                                     sb_quat turn, sb_error *error)
+{
+    sbi_support_pose pose;
+    sbi_support_targets targets = {NULL, 0, 0, &pose};
+    sb_result result = sbi_body_check_nodes(body, nodes, count, error);
+    sb_real square = sb_quat_dot(turn, turn);
+    if (result != SB_OK)
+        return result;
+    if (!sb_v3_is_finite(centre) || !sb_v3_is_finite(position) || !sb_is_finite(square))
+        return sbi_fail(error, SB_ERROR_NOT_FINITE, "the pose of a rigid body is not finite");
+    if (!(square > 0) || !sb_is_finite(1 / square))
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "the turn of a rigid body is a quaternion of length 0");
+    pose.centre = centre;
+    pose.position = position;
+    pose.given = turn;
+    pose.turn = sb_quat_normalise(turn);
+    for (int i = 0; i < count; i++)
+        if (!sb_v3_is_finite(sbi_body_pose_target(&pose, body->reference[nodes[i]])))
+            return sbi_fail_node(error, SB_ERROR_NOT_FINITE, nodes[i], "node %d of a rigid body goes out of all bounds",
+                                 nodes[i]);
+    return count > 0 ? sbi_body_support(body, nodes, count, SB_XYZ, &targets, error) : SB_OK;
+}
+
+/* Adds a force at a place to a sum of forces and torques about a point. */
+static void sbi_body_add_wrench(sb_vec3 f, sb_vec3 place, sb_vec3 about, double force[3], double torque[3])
+{
+    double x = (double)place.x - (double)about.x, y = (double)place.y - (double)about.y;
+    double z = (double)place.z - (double)about.z, fx = (double)f.x, fy = (double)f.y, fz = (double)f.z;
+    force[0] += fx;
+    force[1] += fy;
+    force[2] += fz;
+    torque[0] += y * fz - z * fy;
+    torque[1] += z * fx - x * fz;
+    torque[2] += x * fy - y * fx;
+}
+
+SB_API sb_result sb_body_wrench(const sb_body *body, const int *nodes, int count, sb_vec3 about, sb_vec3 *force,
+                                sb_vec3 *torque, sb_error *error)
+{
+    double f[3] = {0, 0, 0}, t[3] = {0, 0, 0};
+    sb_result result = sbi_body_check_nodes(body, nodes, count, error);
+    if (result != SB_OK)
+        return result;
+    if (!sb_v3_is_finite(about))
+        return sbi_fail(error, SB_ERROR_NOT_FINITE, "the point of a torque is not finite");
+    for (int i = 0; i < count; i++)
+        sbi_body_add_wrench(body->reaction[nodes[i]], body->position[nodes[i]], about, f, t);
+    if (force)
+        *force = sb_v3((sb_real)f[0], (sb_real)f[1], (sb_real)f[2]);
+    if (torque)
+        *torque = sb_v3((sb_real)t[0], (sb_real)t[1], (sb_real)t[2]);
+    return SB_OK;
 }
 
 SB_API sb_result sb_body_release(sb_body *body, const int *nodes, int count, int axes, sb_error *error)
@@ -291,7 +366,7 @@ SB_API sb_result sb_body_fix_nodes(sb_body *body, const int *nodes, int count, i
 SB_API sb_result sb_body_prescribe(sb_body *body, const int *nodes, int count, int axes, const sb_vec3 *displacements,
                                    int uniform)
 {
-    sbi_support_targets targets = {displacements, uniform, 0};
+    sbi_support_targets targets = {displacements, uniform, 0, NULL};
     return sbi_body_send(body, nodes, count, axes, &targets, NULL);
 }
 

@@ -305,13 +305,23 @@ static sb_vec3 sbi_record_vector(const sbi_command *c) { return sb_v3(c->reals[0
 /* The vectors of a command. Reals were decoded into an array of them. */
 static const sb_vec3 *sbi_record_vectors(const sbi_command *c) { return (const sb_vec3 *)(const void *)c->reals; }
 
+static sb_result sbi_record_refuse_counts(const sbi_command *c, sb_error *error)
+{
+    return sbi_fail(error, SB_ERROR_FORMAT, "%lu whole and %lu real numbers are not what it takes",
+                    (unsigned long)c->int_count, (unsigned long)c->real_count);
+}
+
 static sb_result sbi_play_material(sb_body *body, const sbi_command *c, sb_error *error)
 {
     sb_material material;
+    if (c->real_count != SBI_MATERIAL_REALS && c->real_count != SBI_MATERIAL_REALS + SBI_MATERIAL_PRESTRETCH)
+        return sbi_record_refuse_counts(c, error);
     if (c->ints[1] < SB_LINEAR || c->ints[1] > SBI_LAST_MODEL || c->ints[2] < 0 || c->ints[2] > SB_MAX_PRONY_TERMS)
         return sbi_fail(error, SB_ERROR_FORMAT, "material model %d or Prony term count %d is out of range", c->ints[1],
                         c->ints[2]);
     material = sbi_body_unpack_material(body, c->ints[1], c->ints[2], c->reals);
+    if (c->real_count > SBI_MATERIAL_REALS)
+        memcpy(material.prestretch.m, c->reals + SBI_MATERIAL_REALS, sizeof material.prestretch.m);
     if (c->a == SBI_MATERIAL_TENSION)
         return sb_body_set_tension(body, c->ints[0], material.fibre_tension, error);
     return c->a ? sb_body_set_material(body, &material, error)
@@ -434,12 +444,6 @@ static sb_result sbi_play_static(sb_body *body, const sbi_command *c, sb_error *
 
 /* ---- loads that follow, and constraints: counts that the rules do not know are checked here ---- */
 
-static sb_result sbi_record_refuse_counts(const sbi_command *c, sb_error *error)
-{
-    return sbi_fail(error, SB_ERROR_FORMAT, "%lu whole and %lu real numbers are not what it takes",
-                    (unsigned long)c->int_count, (unsigned long)c->real_count);
-}
-
 static sb_result sbi_play_region_damping(sb_body *body, const sbi_command *c, sb_error *error)
 {
     return sb_body_set_region_damping(body, c->a, c->reals[0], c->reals[1], error);
@@ -491,6 +495,14 @@ static sb_result sbi_play_add_mapping(sb_body *body, const sbi_command *c, sb_er
     mapping.nodes = c->ints + rows + 1;
     mapping.weights = c->reals + points + stiffness;
     return sb_body_add_mapping(body, &mapping, c->reals + points, c->b, sbi_record_vectors(c), &id, error);
+}
+
+static sb_result sbi_play_pose(sb_body *body, const sbi_command *c, sb_error *error)
+{
+    const sb_vec3 *v = sbi_record_vectors(c);
+    const sb_real *q = c->reals + 6;
+    return sb_body_place_rigid(body, c->ints, (int)c->int_count, v[0], v[1], sb_quat_make(q[0], q[1], q[2], q[3]),
+                               error);
 }
 
 static sb_result sbi_play_add_cable(sb_body *body, const sbi_command *c, sb_error *error)
@@ -638,7 +650,7 @@ static sb_result sbi_play_clear_constraints(sb_body *body, const sbi_command *c,
 /* ---- the table ---- */
 
 static const sbi_record_rule sbi_record_rules[] = {
-    {SBI_COMMAND_MATERIAL, "material", 3, SBI_MATERIAL_REALS, sbi_play_material},
+    {SBI_COMMAND_MATERIAL, "material", 3, SBI_REALS_ANY, sbi_play_material},
     {SBI_COMMAND_GRAVITY, "gravity", 0, 3, sbi_play_gravity},
     {SBI_COMMAND_DAMPING, "damping", 0, 2, sbi_play_damping},
     {SBI_COMMAND_SOLVER, "solver", 0, 1, sbi_play_solver},
@@ -673,6 +685,7 @@ static const sbi_record_rule sbi_record_rules[] = {
     {SBI_COMMAND_REGION_DAMPING, "damping of a region", 0, 2, sbi_play_region_damping},
     {SBI_COMMAND_ADD_CABLE, "new cable", SBI_INTS_ANY, SBI_REALS_ANY, sbi_play_add_cable},
     {SBI_COMMAND_CABLE, "cable", 0, 2, sbi_play_cable},
+    {SBI_COMMAND_POSE, "pose", SBI_INTS_ANY, 10, sbi_play_pose},
     {SBI_COMMAND_PART_STEP, "step of a part", SBI_INTS_ANY, SBI_REALS_ANY, sbi_play_part},
 };
 

@@ -447,6 +447,30 @@ static void sbi_state_materials(sb_body *body, sbi_state_walk *walk)
         sbi_body_materials_changed(body);
 }
 
+static int sbi_state_has_prestretch(const sb_body *body)
+{
+    for (int i = 0; i < body->material_count; i++)
+        if (sbi_material_is_prestretched(body->materials + i))
+            return 1;
+    return 0;
+}
+
+/* Of bodies with a material that has one; without this part none has. */
+static void sbi_state_prestretch(sb_body *body, sbi_state_walk *walk)
+{
+    for (int i = 0; i < body->material_count && walk->result == SB_OK; i++) {
+        sb_material material = body->materials[i];
+        for (int k = 0; k < SBI_MATERIAL_PRESTRETCH; k++)
+            material.prestretch.m[k / 3][k % 3] = sbi_state_real(walk, material.prestretch.m[k / 3][k % 3]);
+        if (sbi_state_checks(walk) && walk->result == SB_OK && sbi_material_is_prestretched(&material))
+            sbi_state_refuse(walk, sbi_material_check_prestretch(&material, 1, walk->error));
+        if (walk->pass == SBI_STATE_READ)
+            body->materials[i] = material;
+    }
+    if (walk->pass == SBI_STATE_READ)
+        sbi_body_materials_changed(body);
+}
+
 /* Unit directions of a family, or 0: *own is where the body has them, *spare the room for them where it has none. */
 static void sbi_state_family(sb_body *body, sbi_state_walk *walk, sb_vec3 **own, sb_vec3 **spare, int given)
 {
@@ -1517,6 +1541,7 @@ static const sbi_state_own sbi_state_owns[] = {
     {1, sbi_state_make},
     {2, sbi_state_settings},
     {3, sbi_state_materials},
+    {22, sbi_state_prestretch},
     {9, sbi_state_fibres},
     {21, sbi_state_region_damping},
     {10, sbi_state_extra},
@@ -1556,6 +1581,8 @@ static int sbi_state_enters_part(sb_body *body, const sbi_state_walk *walk, cons
         body->traction_count = reads ? 0 : body->traction_count;
         return 0;
     }
+    if (part->walk == sbi_state_prestretch)
+        return sbi_state_has_part(walk, part, sbi_state_has_prestretch(body));
     if (part->walk == sbi_state_region_damping && !sbi_state_has_part(walk, part, body->regional_damping)) {
         body->regional_damping = reads ? 0 : body->regional_damping;
         return 0;

@@ -166,6 +166,13 @@ SB_API sb_material sb_material_with_contraction(sb_material material, sb_real te
     return material;
 }
 
+SB_API sb_material sb_material_with_prestretch(sb_material material, sb_mat3 G)
+{
+    sb_mat3 one = sb_m3_identity();
+    material.prestretch = memcmp(&G, &one, sizeof G) == 0 ? sb_m3_zero() : G;
+    return material;
+}
+
 /* A count out of range is kept for sb_material_check to refuse; NULL counts as one. */
 SB_API sb_material sb_material_with_prony(sb_material material, const sb_real *g, const sb_real *tau, int count)
 {
@@ -308,6 +315,28 @@ static sb_result sbi_material_check_fibres(const sb_material *m, sb_error *error
     return SB_OK;
 }
 
+SBI_API sb_result sbi_material_check_prestretch(const sb_material *m, int any_model, sb_error *error)
+{
+    const sb_real *g = m->prestretch.m[0];
+    sb_real det = sb_m3_det(m->prestretch);
+    int zero = 1, finite = 1;
+    for (int i = 0; i < 9; i++) {
+        zero = zero && g[i] == 0;
+        finite = finite && sb_is_finite(g[i]);
+    }
+    if (zero)
+        return SB_OK;
+    if (!finite || !sb_is_finite(det) || !sb_is_finite(1 / det))
+        return sbi_fail(error, SB_ERROR_NOT_FINITE, "material prestretch has the determinant %g", (double)det);
+    if (!(det > 0))
+        return sbi_fail(error, SB_ERROR_MATERIAL, "material prestretch has the determinant %g, must be > 0",
+                        (double)det);
+    if (!any_model && !sb_material_is_hyperelastic(m->model))
+        return sbi_fail(error, SB_ERROR_MATERIAL, "material has a prestretch, but the %s model is not hyperelastic",
+                        m->model == SB_LINEAR ? "linear" : "corotated");
+    return SB_OK;
+}
+
 static sb_result sbi_material_check_prony(const sb_material *m, sb_error *error)
 {
     sb_real sum = 0;
@@ -376,6 +405,8 @@ SB_API sb_result sb_material_check(const sb_material *material, sb_error *error)
     if (result == SB_OK)
         result = sbi_material_check_fibres(material, error);
     if (result == SB_OK)
+        result = sbi_material_check_prestretch(material, 0, error);
+    if (result == SB_OK)
         result = sbi_material_check_prony(material, error);
     if (result == SB_OK && material->model == SB_CUSTOM_LAW)
         result = sbi_law_check(material, error);
@@ -410,6 +441,12 @@ SB_API int sb_material_is_hyperelastic(sb_material_model model)
 
 /* ---- evaluation ---- */
 
+/* What a model is evaluated at: F, or F G of a material that is strained at rest. */
+static sb_mat3 sbi_material_strain(const sb_material *material, const sb_mat3 *F)
+{
+    return sbi_material_is_prestretched(material) ? sbi_prestretch_before(material, F) : *F;
+}
+
 static int sbi_material_all_finite(const sb_real *values, int count)
 {
     for (int i = 0; i < count; i++)
@@ -422,8 +459,15 @@ SB_API int sb_material_energy(const sb_material *material, const sb_mat3 *F, sb_
 {
     sb_quat q = rotation ? *rotation : sb_quat_identity();
     sb_real energy = 0;
-    if (!material || !F || !W || !sbi_material_all_finite(F->m[0], 9) ||
-        !sbi_model_energy((int)material->model, material, F, &q, &energy) || !sb_is_finite(energy))
+    sb_mat3 f;
+    if (!material || !F || !W || !sbi_material_all_finite(F->m[0], 9))
+        return 0;
+    f = sbi_material_strain(material, F);
+    if (!sbi_model_energy((int)material->model, material, &f, &q, &energy))
+        return 0;
+    if (sbi_material_is_prestretched(material))
+        energy /= sb_m3_det(material->prestretch);
+    if (!sb_is_finite(energy))
         return 0;
     *W = energy;
     if (rotation)
@@ -434,9 +478,15 @@ SB_API int sb_material_energy(const sb_material *material, const sb_mat3 *F, sb_
 SB_API int sb_material_stress(const sb_material *material, const sb_mat3 *F, sb_quat *rotation, sb_mat3 *P)
 {
     sb_quat q = rotation ? *rotation : sb_quat_identity();
-    sb_mat3 stress;
-    if (!material || !F || !P || !sbi_material_all_finite(F->m[0], 9) ||
-        !sbi_model_stress((int)material->model, material, F, &q, &stress) || !sbi_material_all_finite(stress.m[0], 9))
+    sb_mat3 stress, f;
+    if (!material || !F || !P || !sbi_material_all_finite(F->m[0], 9))
+        return 0;
+    f = sbi_material_strain(material, F);
+    if (!sbi_model_stress((int)material->model, material, &f, &q, &stress))
+        return 0;
+    if (sbi_material_is_prestretched(material))
+        stress = sbi_prestretch_stress(material, stress);
+    if (!sbi_material_all_finite(stress.m[0], 9))
         return 0;
     *P = stress;
     if (rotation)
@@ -448,13 +498,21 @@ SB_API int sb_material_tangent(const sb_material *material, const sb_mat3 *F, sb
                                sb_real A[81])
 {
     sb_quat q = rotation ? *rotation : sb_quat_identity();
-    sb_real tangent[81];
-    if (!material || !F || !A || !sbi_material_all_finite(F->m[0], 9) ||
-        !sbi_model_tangent((int)material->model, material, F, &q, kind, tangent) ||
-        !sbi_material_all_finite(tangent, 81))
+    sb_real tangent[81], turned[81] = {0}, *found = tangent;
+    sb_mat3 f;
+    if (!material || !F || !A || !sbi_material_all_finite(F->m[0], 9))
+        return 0;
+    f = sbi_material_strain(material, F);
+    if (!sbi_model_tangent((int)material->model, material, &f, &q, kind, tangent))
+        return 0;
+    if (sbi_material_is_prestretched(material)) {
+        sbi_prestretch_add_tangent(material, tangent, turned);
+        found = turned;
+    }
+    if (!sbi_material_all_finite(found, 81))
         return 0;
     for (int i = 0; i < 81; i++)
-        A[i] = tangent[i];
+        A[i] = found[i];
     if (rotation)
         *rotation = q;
     return 1;

@@ -139,6 +139,7 @@ typedef struct sb_material {
     sb_real fibre_tension;                   /* T [Pa], >= 0: active contraction; 0: none */
     sb_real fibre_optimum;                   /* stretch at which it is strongest, > 0 where there is a width */
     sb_real fibre_width;                     /* > 0: no tension so far from the optimum; 0: the same at any stretch */
+    sb_mat3 prestretch;                      /* G, det G > 0; zeros: none */
     int prony_count;                         /* terms of g(t) = 1 - sum g_i (1 - exp(-t/tau_i)); 0: elastic */
     sb_real prony_g[SB_MAX_PRONY_TERMS];     /* each in (0, 1), their sum below 1 */
     sb_real prony_tau[SB_MAX_PRONY_TERMS];   /* [s], > 0 */
@@ -201,6 +202,16 @@ SB_API sb_material sb_material_with_dispersion(sb_material material, sb_real kap
  * alike, dispersion left out, not relaxing. With or without passive fibres (k1 = 0). Drive the tension in time by
  * sb_body_set_tension. Beyond the optimum the tangent is not positive definite. */
 SB_API sb_material sb_material_with_contraction(sb_material material, sb_real tension, sb_real optimum, sb_real width);
+/* The hyperelastic material, strained where the mesh is at rest: G takes each piece of it from where it had no stress
+ * to its shape in the mesh, det G > 0, so that
+ *     W'(F) = W(F G) / det G,   P = P(F G) G^T / det G
+ * per volume of the mesh, fibres included, whose directions are those in the mesh at rest. Stress that an organ has
+ * where it was imaged, by region: arteries that draw together when cut, tendons under tension, swelling (G = s I, s <
+ * 1). The mesh's own shape is then balanced only where supports hold it, or the regions' stresses each other: statics
+ * find the balance, and a body of one G that nothing holds goes to F = G^-1, where it has no stress. Moduli, density
+ * and tolerances stay those of the material and the mesh. Prony terms let this stress relax as any other, from when the
+ * body first moves. G = I takes it away. Source: Hoger 1986; Gee, Foerster and Wall 2010. */
+SB_API sb_material sb_material_with_prestretch(sb_material material, sb_mat3 G);
 /* The hyperelastic material, relaxing by g(t) = 1 - sum g_i (1 - exp(-t/tau_i)): what it has of stress at constant
  * bulk modulus (isochoric models: psi's share) and of fibre stress fades, its moduli being the instantaneous ones.
  * g[count] each in (0, 1) with a sum below 1, tau[count] [s] > 0, count <= SB_MAX_PRONY_TERMS; 0 terms make it
@@ -234,7 +245,7 @@ SB_API sb_real sb_material_poisson(const sb_material *material);
 SB_API sb_real sb_material_bulk(const sb_material *material);
 
 /* Checks model, finiteness and ranges of a material (mu > 0, bulk > 0, density > 0, Poisson's ratio in
- * (-1, 0.5); isochoric: c10 + c01 > 0, d1 > 0 and in agreement with lambda, mu; fibres and Prony terms as
+ * (-1, 0.5); isochoric: c10 + c01 > 0, d1 > 0 and in agreement with lambda, mu; fibres, prestretch and Prony terms as
  * their constructors say, and on hyperelastic models only). Returns SB_OK, or SB_ERROR_ARGUMENT (NULL, unknown
  * model, count of Prony terms), SB_ERROR_NOT_FINITE or SB_ERROR_MATERIAL with the offending value in error (may
  * be NULL). It does not decide whether a material stays stable under large strain: see sb_material_fit. */
@@ -314,6 +325,14 @@ SB_API sb_real sb_von_mises(sb_mat3 sigma);
 #if defined(SB_IMPLEMENTATION) || defined(SB_SPLIT_BUILD)
 /* Whether a material does anything along fibres. */
 SB_INLINE int sbi_material_has_fibres(const sb_material *m) { return m->fibre_stiffness > 0 || m->fibre_tension > 0; }
+/* Whether it is strained where the mesh is at rest. */
+SB_INLINE int sbi_material_is_prestretched(const sb_material *m)
+{
+    return m->prestretch.m[0][0] != 0 || m->prestretch.m[0][1] != 0 || m->prestretch.m[0][2] != 0;
+}
+/* SB_ERROR_NOT_FINITE, or SB_ERROR_MATERIAL: its determinant is not above 0, or its model (unless any_model) takes
+ * none. */
+SBI_API sb_result sbi_material_check_prestretch(const sb_material *material, int any_model, sb_error *error);
 /* The last of the models. */
 enum { SBI_LAST_MODEL = SB_CUSTOM_LAW };
 /* ==== internal: shares of a material =====================================================================

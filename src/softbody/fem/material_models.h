@@ -830,7 +830,10 @@ SB_INLINE int sbi_active_at(const sb_material *m, const sb_mat3 *F, sb_vec3 a0, 
 }
 
 /* Fibres that are dispersed or contract. */
-SBI_FORCE_INLINE int sbi_fibre_is_more(const sb_material *m) { return m->fibre_dispersion > 0 || m->fibre_tension > 0; }
+SBI_FORCE_INLINE int sbi_fibre_is_more(const sb_material *m)
+{
+    return m->fibre_dispersion > 0 || m->fibre_tension > 0 || sbi_material_is_prestretched(m);
+}
 SBI_FORCE_INLINE int sbi_fibre_is_none(sb_vec3 a0) { return a0.x == 0 && a0.y == 0 && a0.z == 0; }
 
 SB_INLINE int sbi_fibre_more_energy(const sb_material *m, const sb_mat3 *F, sb_vec3 a0, sb_real *W)
@@ -913,12 +916,82 @@ SB_INLINE int sbi_fibre_more_tangent(const sb_material *m, const sb_mat3 *F, sb_
     return 1;
 }
 
+/* ---- prestretch: W'(F) = W(F G) / det G ---- */
+
+SB_INLINE sb_mat3 sbi_prestretch_before(const sb_material *m, const sb_mat3 *F) { return sb_m3_mul(*F, m->prestretch); }
+
+/* Of fibres that have the direction a0 at rest of the mesh: theirs where they have no stress; 0 stays. */
+SB_INLINE sb_vec3 sbi_prestretch_fibre(const sb_material *m, sb_vec3 a0)
+{
+    sb_vec3 a = sb_m3_apply(sb_m3_inverse(m->prestretch), a0);
+    sb_real length = sb_v3_norm(a);
+    return length > 0 ? sb_v3_scale(1 / length, a) : a;
+}
+
+/* P G^T / det G */
+SB_INLINE sb_mat3 sbi_prestretch_stress(const sb_material *m, sb_mat3 P)
+{
+    return sb_m3_scale(1 / sb_m3_det(m->prestretch), sb_m3_mult(P, m->prestretch));
+}
+
+/* out_ijkl += A_ibkd G_jb G_ld / det G, exactly symmetric where A is. */
+SB_INLINE void sbi_prestretch_add_tangent(const sb_material *m, const sb_real *A, sb_real *out)
+{
+    const sb_real scale = 1 / sb_m3_det(m->prestretch);
+    for (int i = 0; i < 3; i++)
+        for (int k = i; k < 3; k++) {
+            sb_mat3 block;
+            for (int b = 0; b < 3; b++)
+                for (int d = 0; d < 3; d++)
+                    block.m[b][d] = A[9 * (3 * i + b) + 3 * k + d];
+            block = sb_m3_scale(scale, sb_m3_mult(sb_m3_mul(m->prestretch, block), m->prestretch));
+            for (int j = 0; j < 3; j++)
+                for (int l = 0; l < 3; l++) {
+                    sb_real value = i == k ? (sb_real)0.5 * (block.m[j][l] + block.m[l][j]) : block.m[j][l];
+                    out[9 * (3 * i + j) + 3 * k + l] += value;
+                    if (i != k)
+                        out[9 * (3 * k + l) + 3 * i + j] += value;
+                }
+        }
+}
+
+SB_INLINE int sbi_fibre_prestretched_energy(const sb_material *m, const sb_mat3 *F, sb_vec3 a0, sb_real *W)
+{
+    sb_mat3 f = sbi_prestretch_before(m, F);
+    sb_real energy = 0;
+    if (!sbi_fibre_more_energy(m, &f, sbi_prestretch_fibre(m, a0), &energy))
+        return 0;
+    *W += energy / sb_m3_det(m->prestretch);
+    return 1;
+}
+
+SB_INLINE int sbi_fibre_prestretched_stress(const sb_material *m, const sb_mat3 *F, sb_vec3 a0, sb_mat3 *P)
+{
+    sb_mat3 f = sbi_prestretch_before(m, F), stress = sb_m3_zero();
+    if (!sbi_fibre_more_stress(m, &f, sbi_prestretch_fibre(m, a0), &stress))
+        return 0;
+    *P = sb_m3_add(*P, sbi_prestretch_stress(m, stress));
+    return 1;
+}
+
+SB_INLINE int sbi_fibre_prestretched_tangent(const sb_material *m, const sb_mat3 *F, sb_vec3 a0, sb_tangent_kind kind,
+                                             sb_real *A)
+{
+    sb_mat3 f = sbi_prestretch_before(m, F);
+    sb_real tangent[81] = {0};
+    if (!sbi_fibre_more_tangent(m, &f, sbi_prestretch_fibre(m, a0), kind, tangent))
+        return 0;
+    sbi_prestretch_add_tangent(m, tangent, A);
+    return 1;
+}
+
 SBI_FORCE_INLINE int sbi_fibre_energy(const sb_material *m, const sb_mat3 *F, sb_vec3 a0, sb_real *W)
 {
     sb_vec3 a = sb_m3_apply(*F, a0);
     sb_real e = sb_v3_dot(a, a) - 1, energy;
     if (sbi_fibre_is_more(m))
-        return sbi_fibre_more_energy(m, F, a0, W);
+        return sbi_material_is_prestretched(m) ? sbi_fibre_prestretched_energy(m, F, a0, W)
+                                               : sbi_fibre_more_energy(m, F, a0, W);
     if (!(e > 0) || !(m->fibre_stiffness > 0))
         return sb_is_finite(e);
     /* (exp(q) - 1)/q with q = k2 e^2: 1 for k2 = 0 */
@@ -935,7 +1008,8 @@ SBI_FORCE_INLINE int sbi_fibre_stress(const sb_material *m, const sb_mat3 *F, sb
     sb_vec3 a;
     sb_real first, second;
     if (sbi_fibre_is_more(m))
-        return sbi_fibre_more_stress(m, F, a0, P);
+        return sbi_material_is_prestretched(m) ? sbi_fibre_prestretched_stress(m, F, a0, P)
+                                               : sbi_fibre_more_stress(m, F, a0, P);
     if (!sbi_fibre_at(m, F, a0, &a, &first, &second))
         return 0;
     if (first > 0)
@@ -951,7 +1025,8 @@ SBI_FORCE_INLINE int sbi_fibre_tangent(const sb_material *m, const sb_mat3 *F, s
     sb_vec3 a;
     sb_real first, second;
     if (sbi_fibre_is_more(m))
-        return sbi_fibre_more_tangent(m, F, a0, kind, A);
+        return sbi_material_is_prestretched(m) ? sbi_fibre_prestretched_tangent(m, F, a0, kind, A)
+                                               : sbi_fibre_more_tangent(m, F, a0, kind, A);
     if (!sbi_fibre_at(m, F, a0, &a, &first, &second))
         return 0;
     if (!(second > 0))
