@@ -672,6 +672,31 @@ static void test_calm(void)
     block_free(&b);
 }
 
+/* Ties that a change leaves alone are not coupled anew. */
+static void test_left_alone(void)
+{
+    block_options options = block_default(1);
+    block b;
+    sb_body_change *change = NULL;
+    options.front = SB_CUT_GLUE;
+    b = half_cut(&options, 5);
+    if (CHECK_OK(sb_body_change_begin(b.body, &change, NULL))) {
+        sbi_mesh_change out;
+        sbi_matrix_couplings couplings;
+        memset(&out, 0, sizeof out);
+        CHECK_OK(sbi_live_make_next_glue(change, NULL));
+        CHECK_INT(b.body->live->next_glue.count, b.body->live->glue.count);
+        couplings = sbi_live_glue_couplings(b.body, &out);
+        CHECK_INT(couplings.gone_count, 0);
+        CHECK_INT(couplings.made_count, 0);
+        b.body->live->next_glue.count--; /* one goes */
+        couplings = sbi_live_glue_couplings(b.body, &out);
+        CHECK(couplings.gone_count > couplings.made_count && couplings.made_count > 0);
+        sb_body_change_cancel(change);
+    }
+    block_free(&b);
+}
+
 /* ---- the same again ---------------------------------------------------------------------------------------------- */
 
 /* A stroke goes on from a state, in this body and in another, and what it has glued is taken back with it. */
@@ -758,6 +783,7 @@ static void test_absurd_ties(void)
             int row = (most + absurd[k].entry) % n, column = (most + absurd[k].other) % n;
             sb_real value = REAL(absurd[k].value) * tie->gram[sbi_glue_at(n, most, most)];
             sb_error error;
+            memset(&error, 0, sizeof error);
             memcpy(damaged, state, size);
             memcpy(damaged + at + (size_t)sbi_glue_at(n, row, column) * sizeof value, &value, sizeof value);
             sbi_image_seal(damaged, size, "SBSTATE\x1a", (uint32_t)sbi_get_bytes(damaged + 8, 4));
@@ -1014,5 +1040,6 @@ CHECK_SUITE(cut_glue, {"half-cut beam", test_half}, {"curved strokes", test_curv
             {"shaking blocks part in two", test_shaking}, {"totals", test_totals}, {"steps of all kinds", test_steps},
             {"calm", test_calm}, {"states", test_states}, {"damaged states", test_bad_states},
             {"absurd ties", test_absurd_ties}, {"recordings", test_recording}, {"threads", test_threads},
-            {"loads across the glue", test_others}, {"every allocation fails in turn", test_no_memory},
-            {"no allocation", test_no_allocation}, {"mistakes are named", test_mistakes});
+            {"loads across the glue", test_others}, {"left alone", test_left_alone},
+            {"every allocation fails in turn", test_no_memory}, {"no allocation", test_no_allocation},
+            {"mistakes are named", test_mistakes});
