@@ -1412,8 +1412,20 @@ static sb_result sbi_state_check_cells(const sbi_live_mesh *mesh, int n, sb_erro
     return SB_OK;
 }
 
-/* Whether G is a sum of w N N^T with w >= 0 and 0 <= trace <= most, within rounding: by elimination, in which no pivot
- * may be below 0, and nothing stands beside one that is next to 0. */
+/* Takes the k-th of g's rows and columns out of the others. */
+static void sbi_state_eliminate(double g[SBI_GLUE_NODES][SBI_GLUE_NODES], int n, int k)
+{
+    for (int i = 0; i < n; i++) {
+        double factor = g[i][k] / g[k][k];
+        for (int j = 0; j < n && i != k; j++)
+            g[i][j] = j == k ? 0 : g[i][j] - factor * g[k][j];
+    }
+    for (int j = 0; j < n; j++)
+        g[k][j] = 0;
+}
+
+/* Whether G is a sum of w N N^T with w >= 0 and 0 <= trace <= most, within rounding: eliminated by its largest pivots
+ * nothing may be left of it. */
 static int sbi_state_is_gram(const sb_real *gram, int n, double most)
 {
     double g[SBI_GLUE_NODES][SBI_GLUE_NODES], trace = 0, rounding;
@@ -1425,14 +1437,17 @@ static int sbi_state_is_gram(const sb_real *gram, int n, double most)
     if (!(trace >= 0) || !(trace <= most))
         return 0;
     rounding = 256 * (double)SB_EPSILON * trace;
-    for (int k = 0; k < n; k++)
-        for (int i = k; i < n; i++) {
-            double factor = g[k][k] > rounding ? g[i][k] / g[k][k] : 0;
-            if (g[k][k] < -rounding || (!(g[k][k] > rounding) && !(g[i][k] * g[i][k] <= 4 * rounding * trace)))
-                return 0;
-            for (int j = k + 1; j < n && i > k; j++)
-                g[i][j] -= factor * g[k][j];
-        }
+    for (int step = 0; step < n; step++) {
+        int k = 0;
+        for (int i = 1; i < n; i++)
+            k = g[i][i] > g[k][k] ? i : k;
+        if (!(g[k][k] > rounding))
+            break;
+        sbi_state_eliminate(g, n, k);
+    }
+    for (int i = 0; i < n * n; i++)
+        if (!(fabs(g[i / n][i % n]) <= rounding))
+            return 0;
     return 1;
 }
 
