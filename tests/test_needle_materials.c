@@ -279,8 +279,7 @@ static void run_at_random(unsigned long long random, random_run *run)
             result = ndl_step(s.body, s.needles, 1, REAL(step), &command, &s.info, &s.error);
             run->steps++;
             run->refused += result != SB_OK;
-            if (result == SB_OK && i > 0 && !s.info.blocked &&
-                ndl_needle_contact(s.needles[0], ndl_needle_entry(s.needles[0])) != NDL_FREE &&
+            if (result == SB_OK && i > 0 && is_held(s.needles[0]) && !s.info.blocked &&
                 !(fabs(needle_push(&s)) < most_push(&s, friction, cutting))) {
                 run->pushed_too_hard++;
                 printf("step %d: %g N of %g\n", i, needle_push(&s), most_push(&s, friction, cutting));

@@ -1461,7 +1461,7 @@ static int sbi_state_is_tie(const sbi_live_mesh *mesh, const sbi_glue_tie *tie, 
     double longest = 0;
     for (int side = 0; side < 2; side++) {
         corners[side] = mesh->corners + (size_t)n * (size_t)tie->cells[side];
-        if (!mesh->cells.used[tie->cells[side]] || !mesh->pieces[tie->cells[side]].is)
+        if (!mesh->cells.used[tie->cells[side]] || mesh->pieces[tie->cells[side]].is == 0)
             return 0;
     }
     for (int i = 0; i < n; i++) {
