@@ -1122,7 +1122,7 @@ typedef enum ndl_contact {
 
 /* How the friction states of a step were found. */
 typedef struct ndl_couple_info {
-    int trials;     /* linear systems with different friction states, >= 1 */
+    int trials;     /* linear systems with different friction states, >= 1; the most of a Newton iteration */
     int consistent; /* 1: every node that sticks is within its limit, every one that slips goes the way it was taken to;
                      * 0: the cap on trials was hit, and the last solution was taken */
     int iterations; /* of conjugate gradients, in all trials */
@@ -1244,8 +1244,8 @@ typedef struct ndl_needle_def {
                          * it. Either way single steps within the first edge below curved skin may have forces that
                          * no tissue makes: of 200 needles in ellipsoids, with 0.3 N to cut, the most was
                          * over 5 N for 5 with 0.25 (325 N once) and for 2 with 0 (14 N once) */
-    int max_trials;     /* linear systems per step with different states of friction, >= 1; default 10. The largest of
-                         * all needles' holds */
+    int max_trials;     /* linear systems per Newton iteration with different states of friction, >= 1; default 10. The
+                         * largest of all needles' holds */
     sb_allocator allocator; /* default malloc */
     unsigned cookie;        /* set by ndl_default_needle_def; a def made without it is refused */
 } ndl_needle_def;
@@ -1282,12 +1282,14 @@ NDL_API sb_result ndl_needle_move_base(ndl_needle *needle, sb_vec3 base, sb_vec3
 
 /* What a step did, over all needles and substeps. */
 typedef struct ndl_step_info {
-    int substeps;      /* a step is cut where a tip would go further than about half an edge of the tissue, and where it
-                        * comes into a membrane or out of it */
+    int substeps;      /* a step is cut where a tip would go further than about half an edge of the tissue, where it
+                        * comes into a membrane or out of it, and where no solution was found: into a fourth, a 16th,
+                        * a 64th of that, and longer ones again behind it */
     sb_real peak_base; /* N, largest force on a base at the end of a substep: what a membrane asked for that gave way
                         * within the step */
     int trials;        /* largest number of a substep */
-    int consistent;    /* 1: friction states came out as they were taken, in all substeps */
+    int consistent;    /* 1: friction states came out as they were taken, in all substeps; 0: in one they were not found
+                        * in max_trials, but what is held is within 2 % of what friction and tips can hold */
     int iterations;    /* of conjugate gradients, in all */
     int capped;        /* 1: their cap was hit */
     sb_real residual;  /* largest of a substep */
@@ -11350,6 +11352,7 @@ typedef struct ndli_couple {
     sbi_guest guest;
     const sb_matrix *matrix; /* the body's, of the present system */
     int indefinite;          /* 1: the block of a set of friction states could not be factored */
+    int trials;              /* of the present system */
     int fewest, stalled; /* how many states were contradicted at best, and for how many trials it has not been fewer */
 } ndli_couple;
 
@@ -11361,7 +11364,8 @@ NDLI_API void ndli_couple_prepare(ndli_couple *couple, ndli_line *const *lines, 
 /* The same of rods that rows of nodes [node_count] of the body hold, which their holds count by. */
 NDLI_API void ndli_couple_prepare_rows(ndli_couple *couple, ndli_line *const *lines, int count, int max_trials,
                                        double *unknown, const int *nodes, int node_count);
-/* After the solve: SB_ERROR_DIVERGED when its last friction states have no positive definite matrix. */
+/* After the solve: SB_ERROR_DIVERGED when its last friction states have no positive definite matrix, or when they were
+ * not found in max_trials and what sticks is held by more than can hold it. */
 NDLI_API sb_result ndli_couple_check(const ndli_couple *couple, sb_error *error);
 #endif
 
@@ -11898,6 +11902,9 @@ static sb_result ndli_couple_begin(void *user, const sbi_guest_step *step, sb_er
 {
     ndli_couple *c = (ndli_couple *)user;
     sb_result result = step->iteration == 0 ? ndli_couple_linearise(c, step, error) : SB_OK;
+    c->trials = 1;
+    c->fewest = 0x7fffffff;
+    c->stalled = 0;
     if (result != SB_OK)
         return result;
     c->matrix = step->matrix;
@@ -11973,13 +11980,14 @@ static int ndli_couple_settle(void *user, const double *x)
     ndli_couple *c = (ndli_couple *)user;
     int wrong = ndli_couple_count_wrong(c, x);
     c->info.consistent = !wrong;
-    if (!wrong || c->info.trials >= c->max_trials)
+    if (!wrong || c->trials >= c->max_trials)
         return 0;
     c->stalled = wrong < c->fewest ? 0 : c->stalled + 1;
     c->fewest = sbi_min_int(c->fewest, wrong);
     ndli_couple_flip(c, c->stalled < 3);
     ndli_couple_stop(c);
-    c->info.trials++;
+    c->trials++;
+    c->info.trials = sbi_max_int(c->info.trials, c->trials);
     c->indefinite = !ndli_couple_factor(c);
     return !c->indefinite;
 }
@@ -11993,7 +12001,6 @@ static void ndli_couple_set_up(ndli_couple *couple, ndli_line *const *lines, int
     couple->count = count;
     couple->max_trials = max_trials;
     couple->info.trials = 1;
-    couple->fewest = 0x7fffffff;
     couple->guest.user = couple;
     couple->guest.unknown = unknown;
     for (int k = 0; k < count; k++) {
@@ -12028,8 +12035,34 @@ NDLI_API void ndli_couple_prepare_rows(ndli_couple *couple, ndli_line *const *li
     couple->guest.node_count = node_count;
 }
 
+/* More than its law allows (N), summed over a needle's nodes that stick; what slips has its limit. *law: all that
+ * friction and tip can hold. */
+static double ndli_couple_excess(const ndli_line *line, double *law)
+{
+    double sum = 0;
+    *law = 0;
+    for (int i = ndli_line_rearmost(line); i <= ndli_line_foremost(line); i++) {
+        double along = ndli_dot(line->holds ? line->holds[i].tangent : line->tangent[i], line->contact[i]);
+        double most = ndli_line_limit(line, i, along < 0 ? 1 : -1);
+        *law += most;
+        if (!ndli_line_is_slipping(line, i))
+            sum += fmax(0, fabs(along) - most);
+    }
+    return sum;
+}
+
+/* Of the law: what states that were not found to the end may be beyond it. */
+static const double ndli_couple_most_excess = 0.02;
+
 NDLI_API sb_result ndli_couple_check(const ndli_couple *couple, sb_error *error)
 {
+    for (int k = 0; k < couple->count && !couple->info.consistent; k++) {
+        double law, excess = ndli_couple_excess(couple->lines[k], &law);
+        if (excess > ndli_couple_most_excess * law)
+            return sbi_fail(error, SB_ERROR_DIVERGED,
+                            "needle %d: after %d trials its friction is %g N beyond the %g N that the tissue can hold",
+                            k, couple->info.trials, excess, law);
+    }
     if (couple->indefinite)
         return sbi_fail(error, SB_ERROR_DIVERGED, "the needles' matrix is not positive definite");
     return SB_OK;
@@ -15457,7 +15490,7 @@ static sb_result ndli_step_move_rod(ndl_needle *needle, double dt, sb_error *err
         if (!linear)
             ndli_rod_restore(rod);
     }
-    if (!linear && !ndli_step_move_nonlinear(needle, dt))
+    if (!linear && (needle->line.count > 0 || !ndli_step_move_nonlinear(needle, dt)))
         return sbi_fail(error, SB_ERROR_DIVERGED, "needle %d: no motion of the rod was found", needle->index);
     ndli_step_read_base(needle);
     return SB_OK;
@@ -15578,7 +15611,10 @@ static sb_result ndli_step_end_substep(const ndli_stepping *s)
     return result;
 }
 
-/* ---- membranes within a step ---- */
+/* ---- membranes within a step, and substeps that fail ---- */
+
+/* Times the body's cap on iterations; and tries of a step that may fail before it does. */
+enum { NDLI_STEP_PATIENCE = 8, NDLI_STEP_FAILURES = 24 };
 
 /* Substeps get no shorter than that share of one: their rounding would be felt. */
 static const double ndli_step_shortest = 1e-3;
@@ -15592,16 +15628,20 @@ static double ndli_step_share_to_edge(const ndli_stepping *s, double dt)
     return least < 1 - ndli_step_shortest ? fmax(least, ndli_step_shortest) : 1;
 }
 
-/* Ends of a step's substeps, in units of the first guess of them, which are all 1 long; sorted. */
-enum { NDLI_STEP_EDGES = 12 };
+/* Substeps of a step, in units of the first guess of them, which are all 1 long. One that is too long for linear
+ * equations, which fold a rod, or for the tissue is taken again a fourth as long; what follows it grows again. */
+enum { NDLI_STEP_EDGES = 12, NDLI_FINEST = 64 };
 typedef struct ndli_step_ends {
     double edges[NDLI_STEP_EDGES]; /* where tips come to edges of membranes */
     int edge_count, substeps;
+    int finer;     /* substeps end at multiples of 1/finer: a power of 4 up to NDLI_FINEST */
+    int last_hope; /* 1: the shortest one failed; it is tried as a whole once more, and waited for */
+    int failures;  /* of all substeps */
 } ndli_step_ends;
 
 static double ndli_step_end_after(const ndli_step_ends *ends, double t)
 {
-    double next = floor(t) + 1;
+    double finer = ends->finer, next = (floor(t * finer) + 1) / finer;
     for (int i = 0; i < ends->edge_count; i++)
         if (ends->edges[i] > t)
             next = fmin(next, ends->edges[i]);
@@ -15622,14 +15662,10 @@ static int ndli_step_looks_for_edges(const ndli_step_ends *ends, double t, doubl
     return ends->edge_count < NDLI_STEP_EDGES && end - t > 2 * ndli_step_shortest;
 }
 
-/* What a substep that runs through an edge of a membrane is taken back to: before the first the mesh is still that of
- * the step's start. */
+/* What a substep is taken back to: before the first the mesh is still that of the step's start. */
 static sb_result ndli_step_keep_substep(const ndli_stepping *s, double t, ndli_keeping *kept)
 {
-    int watched = 0;
-    for (int k = 0; k < s->count; k++)
-        watched = watched || s->needles[k]->capsule_count > 0;
-    *kept = t > 0 && watched ? NDLI_KEPT_SUBSTEP : NDLI_KEPT_STEP;
+    *kept = t > 0 ? NDLI_KEPT_SUBSTEP : NDLI_KEPT_STEP;
     if (*kept == NDLI_KEPT_SUBSTEP && !ndli_needle_keep(s->site, *kept))
         return sbi_fail(s->error, SB_ERROR_MEMORY, "no memory to keep the state at the start of a substep");
     return SB_OK;
@@ -15644,15 +15680,50 @@ static void ndli_step_forget(ndl_step_info *info, const ndl_step_info *before)
     info->seconds_body = taken.seconds_body;
     info->seconds_couple = taken.seconds_couple;
     info->seconds_needle = taken.seconds_needle;
+    info->seconds_remesh = taken.seconds_remesh;
+}
+
+/* 1: shorter steps may do better. */
+static int ndli_step_may_be_too_long(sb_result result)
+{
+    return result == SB_ERROR_DIVERGED || result == SB_ERROR_INVERTED || result == SB_ERROR_INDEFINITE ||
+           result == SB_ERROR_NOT_CONVERGED;
+}
+
+/* A substep failed: shorter ones. Tissue that does not let needles go their way is waited for in the shortest, and if
+ * that does not help in the whole one: in long ones more iterations would but crush it. 0: nothing is left to be
+ * tried. */
+static int ndli_step_shorten(ndli_step_ends *ends)
+{
+    if (++ends->failures > NDLI_STEP_FAILURES || ends->last_hope)
+        return 0;
+    ends->last_hope = ends->finer == NDLI_FINEST;
+    ends->finer = ends->last_hope ? 1 : 4 * ends->finer;
+    return 1;
+}
+
+/* A substep to t is done: those that follow are four times as long where that is a place for them to begin. */
+static void ndli_step_lengthen(ndli_step_ends *ends, double t)
+{
+    double longer = t * ends->finer / 4;
+    if (ends->finer > 1 && longer == floor(longer))
+        ends->finer /= 4;
+    ends->last_hope = 0;
+}
+
+static int ndli_step_patience(const ndli_step_ends *ends)
+{
+    return ends->finer == NDLI_FINEST || ends->last_hope ? NDLI_STEP_PATIENCE : 1;
 }
 
 /* A substep from t on, to the first edge of a membrane that a tip runs through in it: what it has to cut is one force
- * in a substep. No mesh has followed a tip where one is taken back. *end: where it ends. */
-static sb_result ndli_step_run_substep(const ndli_stepping *s, double dt, ndli_step_ends *ends, double t, double *end)
+ * in a substep. No mesh has followed a tip where one is taken back for that. *end: where it ends. */
+static sb_result ndli_step_try_substep(ndli_stepping *s, double dt, ndli_step_ends *ends, double t, ndli_keeping kept,
+                                       double *end)
 {
     ndl_step_info before = *s->info;
-    ndli_keeping kept;
-    sb_result result = ndli_step_keep_substep(s, t, &kept);
+    sb_result result = SB_OK;
+    s->patience = ndli_step_patience(ends);
     while (result == SB_OK) {
         double length, share = 1;
         ndli_part part;
@@ -15671,10 +15742,26 @@ static sb_result ndli_step_run_substep(const ndli_stepping *s, double dt, ndli_s
     return result == SB_OK ? ndli_step_end_substep(s) : result;
 }
 
-/* ---- a step ---- */
+/* The next substep, as long as it can be. */
+static sb_result ndli_step_run_substep(ndli_stepping *s, double dt, ndli_step_ends *ends, double t, double *end)
+{
+    ndl_step_info before = *s->info;
+    ndli_keeping kept;
+    sb_result result = ndli_step_keep_substep(s, t, &kept);
+    if (result == SB_OK)
+        result = ndli_step_try_substep(s, dt, ends, t, kept, end);
+    while (ndli_step_may_be_too_long(result) && ndli_step_shorten(ends)) {
+        ndli_step_forget(s->info, &before);
+        result = ndli_needle_undo(s->site, kept, s->error);
+        if (result == SB_OK)
+            result = ndli_step_try_substep(s, dt, ends, t, kept, end);
+    }
+    if (result == SB_OK)
+        ndli_step_lengthen(ends, *end);
+    return result;
+}
 
-/* A step too long for linear equations, which fold a rod, is taken again in pieces down to this part. */
-enum { NDLI_FINEST = 64 };
+/* ---- a step ---- */
 
 static const double ndli_step_most_substeps = 1000;
 
@@ -15778,13 +15865,14 @@ static int ndli_step_tear_out(const ndli_stepping *s)
     return torn;
 }
 
-/* In so many substeps, and one more wherever a tip runs through an edge of a membrane. */
-static sb_result ndli_step_run(const ndli_stepping *s, double dt, int substeps)
+/* In so many substeps, one more wherever a tip runs through an edge of a membrane, and more where one fails. */
+static sb_result ndli_step_run(ndli_stepping *s, double dt, int substeps)
 {
     ndli_step_ends ends;
     sb_result result = SB_OK;
     memset(&ends, 0, sizeof ends);
     ends.substeps = substeps;
+    ends.finer = 1;
     memset(s->info, 0, sizeof *s->info);
     s->info->consistent = 1;
     s->info->worst_quality = 1;
@@ -15793,30 +15881,6 @@ static sb_result ndli_step_run(const ndli_stepping *s, double dt, int substeps)
     if (result != SB_OK && ndli_needle_undo(s->site, NDLI_KEPT_STEP, s->error) != SB_OK)
         return SB_ERROR_MEMORY;
     return result;
-}
-
-/* 1: shorter steps may do better. */
-static int ndli_step_may_be_too_long(sb_result result)
-{
-    return result == SB_ERROR_DIVERGED || result == SB_ERROR_INVERTED || result == SB_ERROR_INDEFINITE ||
-           result == SB_ERROR_NOT_CONVERGED;
-}
-
-/* Times the body's cap on iterations. */
-enum { NDLI_STEP_PATIENCE = 8 };
-
-/* In more and more substeps until it succeeds. Tissue that does not let needles go their way is waited for in the
- * shortest, and if that does not help in the whole step: in long ones more iterations would but crush it. */
-static sb_result ndli_step_run_finer(ndli_stepping *s, double dt, int substeps)
-{
-    sb_result result;
-    s->patience = 1;
-    result = ndli_step_run(s, dt, substeps);
-    for (int finer = 4; ndli_step_may_be_too_long(result) && finer <= NDLI_FINEST; finer *= 4) {
-        s->patience = finer < NDLI_FINEST ? 1 : NDLI_STEP_PATIENCE;
-        result = ndli_step_run(s, dt, finer * substeps);
-    }
-    return ndli_step_may_be_too_long(result) ? ndli_step_run(s, dt, substeps) : result;
 }
 
 /* A step that is sound in its arguments. */
@@ -15833,7 +15897,7 @@ static sb_result ndli_step_make(ndli_stepping *s, double dt, int substeps)
         return result;
     if (!ndli_needle_keep(s->site, NDLI_KEPT_STEP))
         return sbi_fail(s->error, SB_ERROR_MEMORY, "no memory to keep the state at the start of a step");
-    result = ndli_step_run_finer(s, dt, substeps);
+    result = ndli_step_run(s, dt, substeps);
     if (result == SB_ERROR_DIVERGED) {
         int torn = ndli_step_tear_out(s);
         if (torn != 0)

@@ -35,6 +35,7 @@ typedef struct phantom {
     sb_vec3 target;                      /* middle of the prostate, or of all (m) */
     sb_body *tissue;
     ndl_needle *needle;
+    ndl_follow follow;   /* of needles to be made; zeros: the mesh follows (NDL_REMESH) */
     sb_real free_length; /* m of the needle before the skin at the start */
 } phantom;
 
@@ -305,7 +306,7 @@ static inline sb_result phantom_make_needle(phantom *p, sb_real curvature, sb_ve
         frictions[r] = r == p->prostate ? prostate : tissue;
     }
     def.body = p->tissue;
-    def.follow = NDL_REMESH;
+    def.follow = p->follow;
     def.base = sb_v3_add(entry, sb_v3((sb_real)-0.030, 0, 0));
     def.direction = sb_v3(1, 0, 0);
     def.director = sb_v3(0, 1, 0); /* then m2 = t x m1 looks up */

@@ -312,13 +312,20 @@ static int make_divided(scene *s, ndl_follow follow, double strength, int skinne
     return CHECK_OK(sb_contact_add_tool(s->contact, &ball, &s->ball, NULL));
 }
 
-/* The ball goes down beside the needle, then slides, `aside` (m) of all that. */
-static void send_ball(scene *s, int number, double aside)
+/* The ball goes down beside the needle, then slides, `aside` (m) of all that; at the end of step `number`. */
+static sb_vec3 place_of_ball(const scene *s, int number, double aside)
 {
     double deep = number < 8 ? 0.00025 * number : 0.002, along = number < 8 ? 0 : 0.0004 * (number - 8);
-    sb_pose pose = press_pose(placed(s, 0.008, 0.014 + along, 0.0405 + s->radius - deep + aside), sb_quat_identity());
+    return placed(s, 0.008, 0.014 + along, 0.0405 + s->radius - deep + aside);
+}
+
+static void send_ball_to(scene *s, sb_vec3 place)
+{
+    sb_pose pose = press_pose(place, sb_quat_identity());
     CHECK_OK(sb_contact_move_tool(s->contact, s->ball, &pose));
 }
+
+static void send_ball(scene *s, int number, double aside) { send_ball_to(s, place_of_ball(s, number, aside)); }
 
 /* The needle goes in by 40 mm/s. */
 static sb_result divided_step(scene *s, int number, double aside)
@@ -366,6 +373,53 @@ static void test_divided(void)
     int divided = 0;
     for (int k = 0; k < check_rounds(8); k++)
         check_divided(k % 2 ? NDL_REMESH : NDL_EMBED, 60 + (unsigned)k, &divided);
+    CHECK(divided > 0);
+}
+
+/* The same motion in steps of an eighth. */
+static void step_finely(scene *s, int number)
+{
+    enum { PARTS = 8 };
+    ndl_command command = needle_command(0.04, 0);
+    for (int k = 1; k <= PARTS; k++) {
+        sb_vec3 from = place_of_ball(s, number ? number - 1 : 0, 0), to = place_of_ball(s, number, 0);
+        send_ball_to(s, sb_v3_madd(from, REAL(k) / PARTS, sb_v3_sub(to, from)));
+        CHECK_OK(ndl_step(s->needles.body, s->needles.needles, 1, REAL(0.02) / PARTS, &command, NULL, NULL));
+    }
+}
+
+/* What a ball feels in a divided step differs by up to 8 % of the peak from that of an undivided one, and that is what
+ * the long step is off by: shorter steps have it, too. */
+static void test_nearer(void)
+{
+    int divided = 0;
+    for (int k = 0; k < check_rounds(4); k++) {
+        scene with, without, fine;
+        ndl_follow follow = k % 2 ? NDL_REMESH : NDL_EMBED;
+        double most = 0, nearer = 0, farther = 0;
+        if (!make_divided(&with, follow, 1e-6, 0, 60 + (unsigned)k, NULL) ||
+            !make_divided(&without, follow, 0, 0, 60 + (unsigned)k, NULL) ||
+            !make_divided(&fine, follow, 0, 0, 60 + (unsigned)k, NULL))
+            return;
+        for (int i = 0; i < 26; i++) {
+            double off, undivided;
+            CHECK_OK(divided_step(&with, i, 0));
+            CHECK_OK(divided_step(&without, i, 0));
+            step_finely(&fine, i);
+            off = (double)sb_v3_norm(sb_v3_sub(wrench_of(&with), wrench_of(&fine)));
+            undivided = (double)sb_v3_norm(sb_v3_sub(wrench_of(&without), wrench_of(&fine)));
+            most = fmax(most, (double)sb_v3_norm(wrench_of(&fine)));
+            nearer = fmax(nearer, undivided - off);
+            farther = fmax(farther, off - undivided);
+            divided += with.needles.info.substeps > 1;
+        }
+        printf("seed %d: divided steps nearer to fine ones by %.1f %%, farther by %.1f %%\n", 60 + k,
+               100 * nearer / most, 100 * farther / most);
+        CHECK(farther < 0.01 * most);
+        free_scene(&with);
+        free_scene(&without);
+        free_scene(&fine);
+    }
     CHECK(divided > 0);
 }
 
@@ -767,8 +821,8 @@ static void test_cut(void)
 }
 
 CHECK_SUITE(contact_needle, {"random", test_random}, {"balance", test_balance}, {"threads", test_threads},
-            {"states", test_states}, {"recordings", test_recordings}, {"divided", test_divided}, {"apart", test_apart},
-            {"no memory", test_no_memory_taken}, {"memory", test_memory}, {"supports", test_supports},
-            {"skin states", test_skin_states}, {"skin taken back", test_skin_taken_back},
-            {"skin memory", test_skin_memory}, {"skin forged", test_skin_forged}, {"taken back", test_taken_back},
-            {"cut", test_cut});
+            {"states", test_states}, {"recordings", test_recordings}, {"divided", test_divided},
+            {"divided, nearer", test_nearer}, {"apart", test_apart}, {"no memory", test_no_memory_taken},
+            {"memory", test_memory}, {"supports", test_supports}, {"skin states", test_skin_states},
+            {"skin taken back", test_skin_taken_back}, {"skin memory", test_skin_memory},
+            {"skin forged", test_skin_forged}, {"taken back", test_taken_back}, {"cut", test_cut});

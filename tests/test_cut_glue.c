@@ -672,6 +672,31 @@ static void test_calm(void)
     block_free(&b);
 }
 
+/* Ties that a change leaves alone are not coupled anew. */
+static void test_left_alone(void)
+{
+    block_options options = block_default(1);
+    block b;
+    sb_body_change *change = NULL;
+    options.front = SB_CUT_GLUE;
+    b = half_cut(&options, 5);
+    if (CHECK_OK(sb_body_change_begin(b.body, &change, NULL))) {
+        sbi_mesh_change out;
+        sbi_matrix_couplings couplings;
+        memset(&out, 0, sizeof out);
+        CHECK_OK(sbi_live_make_next_glue(change, NULL));
+        CHECK_INT(b.body->live->next_glue.count, b.body->live->glue.count);
+        couplings = sbi_live_glue_couplings(b.body, &out);
+        CHECK_INT(couplings.gone_count, 0);
+        CHECK_INT(couplings.made_count, 0);
+        b.body->live->next_glue.count--; /* one goes */
+        couplings = sbi_live_glue_couplings(b.body, &out);
+        CHECK(couplings.gone_count > couplings.made_count && couplings.made_count > 0);
+        sb_body_change_cancel(change);
+    }
+    block_free(&b);
+}
+
 /* ---- the same again ---------------------------------------------------------------------------------------------- */
 
 /* A stroke goes on from a state, in this body and in another, and what it has glued is taken back with it. */
@@ -718,6 +743,73 @@ static void test_states(void)
         block_free(&b);
         block_free(&other);
         block_free(&lagging);
+    }
+}
+
+/* Where a number of a state's ties is; 0: nowhere. */
+static size_t find_real(const unsigned char *state, size_t size, const sb_real *reals, size_t count)
+{
+    size_t bytes = count * sizeof *reals, at = 0;
+    while (at + bytes <= size && memcmp(state + at, reals, bytes) != 0)
+        at++;
+    return at + bytes <= size ? at : 0;
+}
+
+/* Ties that no cut makes are refused by name, and what was there goes on. */
+static void test_absurd_ties(void)
+{
+    static const struct {
+        int entry, other; /* of G: of the largest diagonal's row */
+        double value;     /* times that diagonal */
+    } absurd[] = {{0, 0, -1}, {0, 0, 1e30}, {0, 1, 3}, {1, 1, -0.5}};
+    for (int i = 0; i < 3; i++) {
+        block_options options = block_default(intervals_of[i]);
+        block b;
+        size_t size, at;
+        unsigned char *state, *damaged;
+        const sbi_glue_tie *tie;
+        int n, most = 0;
+        options.front = SB_CUT_GLUE;
+        b = half_cut(&options, 5);
+        state = (unsigned char *)state_of(&b, &size);
+        damaged = (unsigned char *)malloc(size);
+        tie = b.body->live->glue.ties;
+        n = b.body->live->glue.nodes;
+        for (int k = 0; k < n; k++)
+            most = tie->gram[sbi_glue_at(n, k, k)] > tie->gram[sbi_glue_at(n, most, most)] ? k : most;
+        at = find_real(state, size, tie->gram, (size_t)sbi_glue_gram(n));
+        CHECK(at > 0);
+        for (size_t k = 0; k < sizeof absurd / sizeof *absurd && at > 0; k++) {
+            int row = (most + absurd[k].entry) % n, column = (most + absurd[k].other) % n;
+            sb_real value = REAL(absurd[k].value) * tie->gram[sbi_glue_at(n, most, most)];
+            sb_error error;
+            memset(&error, 0, sizeof error);
+            memcpy(damaged, state, size);
+            memcpy(damaged + at + (size_t)sbi_glue_at(n, row, column) * sizeof value, &value, sizeof value);
+            sbi_image_seal(damaged, size, "SBSTATE\x1a", (uint32_t)sbi_get_bytes(damaged + 8, 4));
+            CHECK_RESULT(sb_body_state_load(b.body, damaged, size, &error), SB_ERROR_FORMAT);
+            CHECK(strstr(error.message, "tie 0") != NULL);
+        }
+        /* the first tie's second cell becomes that of another element */
+        for (int k = 1; k < b.body->live->glue.count && at > 0; k++) {
+            int cell = tie[k].cells[1];
+            sb_vec3 here = sb_body_rest_positions(b.body)[tie->nodes[0][0]];
+            sb_vec3 there = sb_body_rest_positions(b.body)[tie[k].nodes[1][0]];
+            sb_error error;
+            if (sb_v3_norm(sb_v3_sub(here, there)) == 0)
+                continue;
+            memcpy(damaged, state, size);
+            sbi_put_bytes(damaged + at - 4, (uint64_t)cell, 4);
+            sbi_image_seal(damaged, size, "SBSTATE\x1a", (uint32_t)sbi_get_bytes(damaged + 8, 4));
+            CHECK_RESULT(sb_body_state_load(b.body, damaged, size, &error), SB_ERROR_FORMAT);
+            CHECK(strstr(error.message, "tie 0") != NULL);
+            break;
+        }
+        load(&b, state, size);
+        check_pieces(&b);
+        free(state);
+        free(damaged);
+        block_free(&b);
     }
 }
 
@@ -947,6 +1039,7 @@ CHECK_SUITE(cut_glue, {"half-cut beam", test_half}, {"curved strokes", test_curv
             {"turned before or after the cut", test_turned}, {"a moved node", test_moved},
             {"shaking blocks part in two", test_shaking}, {"totals", test_totals}, {"steps of all kinds", test_steps},
             {"calm", test_calm}, {"states", test_states}, {"damaged states", test_bad_states},
-            {"recordings", test_recording}, {"threads", test_threads}, {"loads across the glue", test_others},
+            {"absurd ties", test_absurd_ties}, {"recordings", test_recording}, {"threads", test_threads},
+            {"loads across the glue", test_others}, {"left alone", test_left_alone},
             {"every allocation fails in turn", test_no_memory}, {"no allocation", test_no_allocation},
             {"mistakes are named", test_mistakes});

@@ -191,6 +191,165 @@ static void test_cut_increments(void)
     CHECK(capped > 3);
 }
 
+/* ---- scenes at random ---- */
+
+/* What friction and tip can hold, and what bends the needle, whose share along it they do not limit. */
+static double most_push(const needle_scene *s, double friction, double cutting)
+{
+    sb_vec3 sum = needle_contact_sum(s->needles[0]);
+    double aside = (double)sb_v3_norm(sb_v3_sub(sum, sb_v3(0, 0, sum.z)));
+    double depth = (double)ndl_needle_depth(s->needles[0]) + (double)s->size.x / s->cells[0];
+    return 1.05 * (friction * depth + cutting) + 0.05 + 0.5 * aside;
+}
+
+static double spread(unsigned long long *random, double low, double high)
+{
+    return exp(check_random_in(random, log(low), log(high)));
+}
+
+static sb_material random_material(unsigned long long *random)
+{
+    double young = spread(random, 1000, 100000), poisson = check_random_in(random, 0.3, 0.49);
+    sb_real mu = REAL(young / 2 / (1 + poisson)), d1 = REAL(6 * (1 - 2 * poisson) / young), alpha = 4;
+    switch ((int)check_random_in(random, 0, 6)) {
+    case 0: return sb_material_neo_hookean(REAL(young), REAL(poisson), 1000);
+    case 1: return sb_material_stable_neo_hookean(REAL(young), REAL(poisson), 1000);
+    case 2: return sb_material_mooney_rivlin(REAL(0.3) * mu, REAL(0.2) * mu, d1, 1000);
+    case 3: return sb_material_neo_hookean_isochoric(REAL(0.5) * mu, d1, 1000);
+    case 4: return sb_material_corotated(REAL(young), REAL(poisson), 1000);
+    default: return sb_material_ogden(&mu, &alpha, 1, d1, 1000);
+    }
+}
+
+/* Nodes are thrown by up to 1.3 edges in a step. */
+static void throw_far(const needle_scene *s, double step, unsigned long long *random)
+{
+    int count = sb_body_node_count(s->body);
+    double edge = (double)s->size.x / s->cells[0], most = check_random_in(random, 0.3, 1.3) * edge / step;
+    double share = check_random_in(random, 0.05, 0.3);
+    const sb_vec3 *x = sb_body_positions(s->body);
+    sb_vec3 *v = (sb_vec3 *)malloc((size_t)count * sizeof *v);
+    if (!CHECK(v != NULL))
+        return;
+    memcpy(v, sb_body_velocities(s->body), (size_t)count * sizeof *v);
+    for (int i = 0; i < count; i++) {
+        sb_vec3 aside = sb_v3(x[i].x - s->needle_def.base.x, x[i].y - s->needle_def.base.y, 0);
+        if (!needle_scene_is_side(s, x[i]) && (double)sb_v3_norm(aside) > 0.7 * edge && check_random(random) < share)
+            v[i] = sb_v3(REAL(check_random_in(random, -most, most)), REAL(check_random_in(random, -most, most)),
+                         REAL(check_random_in(random, -most, most)));
+    }
+    CHECK_OK(sb_body_set_velocities(s->body, v));
+    free(v);
+}
+
+/* A needle that has torn out springs back: its force is that of its own mass. */
+static int is_held(const ndl_needle *needle)
+{
+    int entry = ndl_needle_entry(needle);
+    return entry < ndl_rod_node_count(ndl_needle_rod(needle)) && ndl_needle_contact(needle, entry) != NDL_FREE;
+}
+
+typedef struct random_run {
+    int steps, refused, pushed_too_hard;
+} random_run;
+
+/* A needle goes in within 12 steps, then tissue is thrown about in 24. */
+static void run_at_random(unsigned long long random, random_run *run)
+{
+    static const sb_integrator integrators[3] = {SB_EULER, SB_NEWMARK, SB_GENERALISED_ALPHA};
+    needle_scene s = needle_scene_default();
+    sb_material material = random_material(&random);
+    double step = spread(&random, 1e-3, 0.05), friction = spread(&random, 2, 60), cutting = spread(&random, 0.1, 1.5);
+    s.other = &material;
+    s.cells[0] = s.cells[1] = 3 + (int)check_random_in(&random, 0, 4);
+    s.cells[2] = 3 + (int)check_random_in(&random, 0, 4);
+    s.shake = check_random_in(&random, 0, 0.3);
+    s.body_def.integrator = integrators[(int)check_random_in(&random, 0, 3)];
+    s.body_def.max_newton = 1 + (int)check_random_in(&random, 0, 8);
+    s.needle_def.follow = check_random(&random) < 0.6 ? NDL_EMBED : NDL_REMESH;
+    s.needle_def.base.x += REAL(check_random_in(&random, -0.004, 0.004));
+    s.frictions[0].friction = REAL(friction);
+    s.frictions[0].cutting = REAL(cutting);
+    if (needle_scene_make(&s))
+        for (int i = 0; i < 36; i++) {
+            ndl_command command = needle_command((i < 12 ? 1 : check_random_in(&random, -0.2, 0.3)) * 0.001 / step, 0);
+            sb_result result;
+            if (i >= 12 && i % 3 == 0)
+                throw_far(&s, step, &random);
+            result = ndl_step(s.body, s.needles, 1, REAL(step), &command, &s.info, &s.error);
+            run->steps++;
+            run->refused += result != SB_OK;
+            if (result == SB_OK && i > 0 && is_held(s.needles[0]) && !s.info.blocked &&
+                !(fabs(needle_push(&s)) < most_push(&s, friction, cutting))) {
+                run->pushed_too_hard++;
+                printf("step %d: %g N of %g\n", i, needle_push(&s), most_push(&s, friction, cutting));
+            }
+        }
+    needle_scene_free(&s);
+}
+
+/* Forces of a step that was found are those of friction, and nearly all steps are found. */
+static void test_random_scenes(void)
+{
+    random_run run = {0, 0, 0};
+    int most = getenv("CHECK_SLOW") ? 200 : check_rounds(20);
+    for (int k = 0; k < (check_quick() ? 2 : most); k++)
+        run_at_random(2654435761ULL * (unsigned long long)(k + 1), &run);
+    printf("%d steps, %d refused\n", run.steps, run.refused);
+    CHECK_INT(run.pushed_too_hard, 0);
+    CHECK(run.refused <= 0.05 * run.steps);
+}
+
+/* ---- steps that fail for good ---- */
+
+static sb_real count_substeps(void *user, sb_vec3 X, int region)
+{
+    (void)X, (void)region;
+    ++*(int *)user;
+    return REAL(0.5);
+}
+
+/* A supported node is drawn through the block, whose material does not allow what is inside out: however short its
+ * substeps, a part of the step fails. Returns how many were tried. */
+static int draw_through(ndl_follow follow, double way)
+{
+    needle_scene s = needle_scene_default();
+    sb_material material = sb_material_neo_hookean(5000, REAL(0.45), 1000);
+    unsigned long long bits;
+    int tried = 0;
+    s.other = &material;
+    s.body_def.max_newton = 4;
+    s.needle_def.follow = follow;
+    s.needle_def.cutting = count_substeps;
+    s.needle_def.cutting_user = &tried;
+    if (needle_scene_make(&s) && needle_scene_run(&s, dt, 30, needle_command(speed, 0))) {
+        ndl_command command = needle_command(speed, 0);
+        int node = 0;
+        sb_vec3 to;
+        while (node < s.mesh.node_count &&
+               !(needle_scene_is_side(&s, s.mesh.nodes[node]) && s.mesh.nodes[node].x == 0 &&
+                 s.mesh.nodes[node].y > REAL(0.015) && s.mesh.nodes[node].z > REAL(0.015)))
+            node++;
+        to = sb_v3_add(s.mesh.nodes[node], sb_v3(REAL(way), 0, 0));
+        CHECK_OK(sb_body_place(s.body, &node, 1, SB_XYZ, &to, NULL));
+        tried = 0;
+        bits = needle_scene_bits(&s);
+        CHECK(ndl_step(s.body, s.needles, 1, REAL(dt), &command, &s.info, &s.error) != SB_OK);
+        CHECK(needle_scene_bits(&s) == bits);
+        printf("%d substeps tried: %s\n", tried, s.error.message);
+    }
+    needle_scene_free(&s);
+    return tried;
+}
+
+static void test_for_good(void)
+{
+    for (int k = 0; k < 4; k++) {
+        int tried = draw_through(k % 2 ? NDL_EMBED : NDL_REMESH, k < 2 ? 0.05 : 0.3);
+        CHECK(tried > 0 && tried <= 40);
+    }
+}
+
 /* ---- solvers ---- */
 
 /* All find the same. */
@@ -296,6 +455,6 @@ static void test_changes_by_others(void)
 }
 
 CHECK_SUITE(needle_materials, {"every material", test_materials}, {"meshes and steps", test_convergence},
-            {"cut increments", test_cut_increments}, {"every solver", test_preconditioners},
-            {"refusals", test_refusals}, {"explicit bodies", test_explicit},
+            {"cut increments", test_cut_increments}, {"random scenes", test_random_scenes}, {"for good", test_for_good},
+            {"every solver", test_preconditioners}, {"refusals", test_refusals}, {"explicit bodies", test_explicit},
             {"changes by others", test_changes_by_others});

@@ -88,6 +88,9 @@ static sb_result ndli_couple_begin(void *user, const sbi_guest_step *step, sb_er
 {
     ndli_couple *c = (ndli_couple *)user;
     sb_result result = step->iteration == 0 ? ndli_couple_linearise(c, step, error) : SB_OK;
+    c->trials = 1;
+    c->fewest = 0x7fffffff;
+    c->stalled = 0;
     if (result != SB_OK)
         return result;
     c->matrix = step->matrix;
@@ -163,13 +166,14 @@ static int ndli_couple_settle(void *user, const double *x)
     ndli_couple *c = (ndli_couple *)user;
     int wrong = ndli_couple_count_wrong(c, x);
     c->info.consistent = !wrong;
-    if (!wrong || c->info.trials >= c->max_trials)
+    if (!wrong || c->trials >= c->max_trials)
         return 0;
     c->stalled = wrong < c->fewest ? 0 : c->stalled + 1;
     c->fewest = sbi_min_int(c->fewest, wrong);
     ndli_couple_flip(c, c->stalled < 3);
     ndli_couple_stop(c);
-    c->info.trials++;
+    c->trials++;
+    c->info.trials = sbi_max_int(c->info.trials, c->trials);
     c->indefinite = !ndli_couple_factor(c);
     return !c->indefinite;
 }
@@ -183,7 +187,6 @@ static void ndli_couple_set_up(ndli_couple *couple, ndli_line *const *lines, int
     couple->count = count;
     couple->max_trials = max_trials;
     couple->info.trials = 1;
-    couple->fewest = 0x7fffffff;
     couple->guest.user = couple;
     couple->guest.unknown = unknown;
     for (int k = 0; k < count; k++) {
@@ -218,8 +221,34 @@ NDLI_API void ndli_couple_prepare_rows(ndli_couple *couple, ndli_line *const *li
     couple->guest.node_count = node_count;
 }
 
+/* More than its law allows (N), summed over a needle's nodes that stick; what slips has its limit. *law: all that
+ * friction and tip can hold. */
+static double ndli_couple_excess(const ndli_line *line, double *law)
+{
+    double sum = 0;
+    *law = 0;
+    for (int i = ndli_line_rearmost(line); i <= ndli_line_foremost(line); i++) {
+        double along = ndli_dot(line->holds ? line->holds[i].tangent : line->tangent[i], line->contact[i]);
+        double most = ndli_line_limit(line, i, along < 0 ? 1 : -1);
+        *law += most;
+        if (!ndli_line_is_slipping(line, i))
+            sum += fmax(0, fabs(along) - most);
+    }
+    return sum;
+}
+
+/* Of the law: what states that were not found to the end may be beyond it. */
+static const double ndli_couple_most_excess = 0.02;
+
 NDLI_API sb_result ndli_couple_check(const ndli_couple *couple, sb_error *error)
 {
+    for (int k = 0; k < couple->count && !couple->info.consistent; k++) {
+        double law, excess = ndli_couple_excess(couple->lines[k], &law);
+        if (excess > ndli_couple_most_excess * law)
+            return sbi_fail(error, SB_ERROR_DIVERGED,
+                            "needle %d: after %d trials its friction is %g N beyond the %g N that the tissue can hold",
+                            k, couple->info.trials, excess, law);
+    }
     if (couple->indefinite)
         return sbi_fail(error, SB_ERROR_DIVERGED, "the needles' matrix is not positive definite");
     return SB_OK;

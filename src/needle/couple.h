@@ -15,7 +15,7 @@ typedef enum ndl_contact {
 
 /* How the friction states of a step were found. */
 typedef struct ndl_couple_info {
-    int trials;     /* linear systems with different friction states, >= 1 */
+    int trials;     /* linear systems with different friction states, >= 1; the most of a Newton iteration */
     int consistent; /* 1: every node that sticks is within its limit, every one that slips goes the way it was taken to;
                      * 0: the cap on trials was hit, and the last solution was taken */
     int iterations; /* of conjugate gradients, in all trials */

@@ -15,6 +15,7 @@ typedef struct ndli_couple {
     sbi_guest guest;
     const sb_matrix *matrix; /* the body's, of the present system */
     int indefinite;          /* 1: the block of a set of friction states could not be factored */
+    int trials;              /* of the present system */
     int fewest, stalled; /* how many states were contradicted at best, and for how many trials it has not been fewer */
 } ndli_couple;
 
@@ -26,7 +27,8 @@ NDLI_API void ndli_couple_prepare(ndli_couple *couple, ndli_line *const *lines, 
 /* The same of rods that rows of nodes [node_count] of the body hold, which their holds count by. */
 NDLI_API void ndli_couple_prepare_rows(ndli_couple *couple, ndli_line *const *lines, int count, int max_trials,
                                        double *unknown, const int *nodes, int node_count);
-/* After the solve: SB_ERROR_DIVERGED when its last friction states have no positive definite matrix. */
+/* After the solve: SB_ERROR_DIVERGED when its last friction states have no positive definite matrix, or when they were
+ * not found in max_trials and what sticks is held by more than can hold it. */
 NDLI_API sb_result ndli_couple_check(const ndli_couple *couple, sb_error *error);
 #endif
 

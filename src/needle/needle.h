@@ -114,8 +114,8 @@ typedef struct ndl_needle_def {
                          * it. Either way single steps within the first edge below curved skin may have forces that
                          * no tissue makes: of 200 needles in ellipsoids, with 0.3 N to cut, the most was
                          * over 5 N for 5 with 0.25 (325 N once) and for 2 with 0 (14 N once) */
-    int max_trials;     /* linear systems per step with different states of friction, >= 1; default 10. The largest of
-                         * all needles' holds */
+    int max_trials;     /* linear systems per Newton iteration with different states of friction, >= 1; default 10. The
+                         * largest of all needles' holds */
     sb_allocator allocator; /* default malloc */
     unsigned cookie;        /* set by ndl_default_needle_def; a def made without it is refused */
 } ndl_needle_def;
@@ -152,12 +152,14 @@ NDL_API sb_result ndl_needle_move_base(ndl_needle *needle, sb_vec3 base, sb_vec3
 
 /* What a step did, over all needles and substeps. */
 typedef struct ndl_step_info {
-    int substeps;      /* a step is cut where a tip would go further than about half an edge of the tissue, and where it
-                        * comes into a membrane or out of it */
+    int substeps;      /* a step is cut where a tip would go further than about half an edge of the tissue, where it
+                        * comes into a membrane or out of it, and where no solution was found: into a fourth, a 16th,
+                        * a 64th of that, and longer ones again behind it */
     sb_real peak_base; /* N, largest force on a base at the end of a substep: what a membrane asked for that gave way
                         * within the step */
     int trials;        /* largest number of a substep */
-    int consistent;    /* 1: friction states came out as they were taken, in all substeps */
+    int consistent;    /* 1: friction states came out as they were taken, in all substeps; 0: in one they were not found
+                        * in max_trials, but what is held is within 2 % of what friction and tips can hold */
     int iterations;    /* of conjugate gradients, in all */
     int capped;        /* 1: their cap was hit */
     sb_real residual;  /* largest of a substep */

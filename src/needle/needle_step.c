@@ -126,7 +126,7 @@ static sb_result ndli_step_move_rod(ndl_needle *needle, double dt, sb_error *err
         if (!linear)
             ndli_rod_restore(rod);
     }
-    if (!linear && !ndli_step_move_nonlinear(needle, dt))
+    if (!linear && (needle->line.count > 0 || !ndli_step_move_nonlinear(needle, dt)))
         return sbi_fail(error, SB_ERROR_DIVERGED, "needle %d: no motion of the rod was found", needle->index);
     ndli_step_read_base(needle);
     return SB_OK;
@@ -247,7 +247,10 @@ static sb_result ndli_step_end_substep(const ndli_stepping *s)
     return result;
 }
 
-/* ---- membranes within a step ---- */
+/* ---- membranes within a step, and substeps that fail ---- */
+
+/* Times the body's cap on iterations; and tries of a step that may fail before it does. */
+enum { NDLI_STEP_PATIENCE = 8, NDLI_STEP_FAILURES = 24 };
 
 /* Substeps get no shorter than that share of one: their rounding would be felt. */
 static const double ndli_step_shortest = 1e-3;
@@ -261,16 +264,20 @@ static double ndli_step_share_to_edge(const ndli_stepping *s, double dt)
     return least < 1 - ndli_step_shortest ? fmax(least, ndli_step_shortest) : 1;
 }
 
-/* Ends of a step's substeps, in units of the first guess of them, which are all 1 long; sorted. */
-enum { NDLI_STEP_EDGES = 12 };
+/* Substeps of a step, in units of the first guess of them, which are all 1 long. One that is too long for linear
+ * equations, which fold a rod, or for the tissue is taken again a fourth as long; what follows it grows again. */
+enum { NDLI_STEP_EDGES = 12, NDLI_FINEST = 64 };
 typedef struct ndli_step_ends {
     double edges[NDLI_STEP_EDGES]; /* where tips come to edges of membranes */
     int edge_count, substeps;
+    int finer;     /* substeps end at multiples of 1/finer: a power of 4 up to NDLI_FINEST */
+    int last_hope; /* 1: the shortest one failed; it is tried as a whole once more, and waited for */
+    int failures;  /* of all substeps */
 } ndli_step_ends;
 
 static double ndli_step_end_after(const ndli_step_ends *ends, double t)
 {
-    double next = floor(t) + 1;
+    double finer = ends->finer, next = (floor(t * finer) + 1) / finer;
     for (int i = 0; i < ends->edge_count; i++)
         if (ends->edges[i] > t)
             next = fmin(next, ends->edges[i]);
@@ -291,14 +298,10 @@ static int ndli_step_looks_for_edges(const ndli_step_ends *ends, double t, doubl
     return ends->edge_count < NDLI_STEP_EDGES && end - t > 2 * ndli_step_shortest;
 }
 
-/* What a substep that runs through an edge of a membrane is taken back to: before the first the mesh is still that of
- * the step's start. */
+/* What a substep is taken back to: before the first the mesh is still that of the step's start. */
 static sb_result ndli_step_keep_substep(const ndli_stepping *s, double t, ndli_keeping *kept)
 {
-    int watched = 0;
-    for (int k = 0; k < s->count; k++)
-        watched = watched || s->needles[k]->capsule_count > 0;
-    *kept = t > 0 && watched ? NDLI_KEPT_SUBSTEP : NDLI_KEPT_STEP;
+    *kept = t > 0 ? NDLI_KEPT_SUBSTEP : NDLI_KEPT_STEP;
     if (*kept == NDLI_KEPT_SUBSTEP && !ndli_needle_keep(s->site, *kept))
         return sbi_fail(s->error, SB_ERROR_MEMORY, "no memory to keep the state at the start of a substep");
     return SB_OK;
@@ -313,15 +316,50 @@ static void ndli_step_forget(ndl_step_info *info, const ndl_step_info *before)
     info->seconds_body = taken.seconds_body;
     info->seconds_couple = taken.seconds_couple;
     info->seconds_needle = taken.seconds_needle;
+    info->seconds_remesh = taken.seconds_remesh;
+}
+
+/* 1: shorter steps may do better. */
+static int ndli_step_may_be_too_long(sb_result result)
+{
+    return result == SB_ERROR_DIVERGED || result == SB_ERROR_INVERTED || result == SB_ERROR_INDEFINITE ||
+           result == SB_ERROR_NOT_CONVERGED;
+}
+
+/* A substep failed: shorter ones. Tissue that does not let needles go their way is waited for in the shortest, and if
+ * that does not help in the whole one: in long ones more iterations would but crush it. 0: nothing is left to be
+ * tried. */
+static int ndli_step_shorten(ndli_step_ends *ends)
+{
+    if (++ends->failures > NDLI_STEP_FAILURES || ends->last_hope)
+        return 0;
+    ends->last_hope = ends->finer == NDLI_FINEST;
+    ends->finer = ends->last_hope ? 1 : 4 * ends->finer;
+    return 1;
+}
+
+/* A substep to t is done: those that follow are four times as long where that is a place for them to begin. */
+static void ndli_step_lengthen(ndli_step_ends *ends, double t)
+{
+    double longer = t * ends->finer / 4;
+    if (ends->finer > 1 && longer == floor(longer))
+        ends->finer /= 4;
+    ends->last_hope = 0;
+}
+
+static int ndli_step_patience(const ndli_step_ends *ends)
+{
+    return ends->finer == NDLI_FINEST || ends->last_hope ? NDLI_STEP_PATIENCE : 1;
 }
 
 /* A substep from t on, to the first edge of a membrane that a tip runs through in it: what it has to cut is one force
- * in a substep. No mesh has followed a tip where one is taken back. *end: where it ends. */
-static sb_result ndli_step_run_substep(const ndli_stepping *s, double dt, ndli_step_ends *ends, double t, double *end)
+ * in a substep. No mesh has followed a tip where one is taken back for that. *end: where it ends. */
+static sb_result ndli_step_try_substep(ndli_stepping *s, double dt, ndli_step_ends *ends, double t, ndli_keeping kept,
+                                       double *end)
 {
     ndl_step_info before = *s->info;
-    ndli_keeping kept;
-    sb_result result = ndli_step_keep_substep(s, t, &kept);
+    sb_result result = SB_OK;
+    s->patience = ndli_step_patience(ends);
     while (result == SB_OK) {
         double length, share = 1;
         ndli_part part;
@@ -340,10 +378,26 @@ static sb_result ndli_step_run_substep(const ndli_stepping *s, double dt, ndli_s
     return result == SB_OK ? ndli_step_end_substep(s) : result;
 }
 
-/* ---- a step ---- */
+/* The next substep, as long as it can be. */
+static sb_result ndli_step_run_substep(ndli_stepping *s, double dt, ndli_step_ends *ends, double t, double *end)
+{
+    ndl_step_info before = *s->info;
+    ndli_keeping kept;
+    sb_result result = ndli_step_keep_substep(s, t, &kept);
+    if (result == SB_OK)
+        result = ndli_step_try_substep(s, dt, ends, t, kept, end);
+    while (ndli_step_may_be_too_long(result) && ndli_step_shorten(ends)) {
+        ndli_step_forget(s->info, &before);
+        result = ndli_needle_undo(s->site, kept, s->error);
+        if (result == SB_OK)
+            result = ndli_step_try_substep(s, dt, ends, t, kept, end);
+    }
+    if (result == SB_OK)
+        ndli_step_lengthen(ends, *end);
+    return result;
+}
 
-/* A step too long for linear equations, which fold a rod, is taken again in pieces down to this part. */
-enum { NDLI_FINEST = 64 };
+/* ---- a step ---- */
 
 static const double ndli_step_most_substeps = 1000;
 
@@ -447,13 +501,14 @@ static int ndli_step_tear_out(const ndli_stepping *s)
     return torn;
 }
 
-/* In so many substeps, and one more wherever a tip runs through an edge of a membrane. */
-static sb_result ndli_step_run(const ndli_stepping *s, double dt, int substeps)
+/* In so many substeps, one more wherever a tip runs through an edge of a membrane, and more where one fails. */
+static sb_result ndli_step_run(ndli_stepping *s, double dt, int substeps)
 {
     ndli_step_ends ends;
     sb_result result = SB_OK;
     memset(&ends, 0, sizeof ends);
     ends.substeps = substeps;
+    ends.finer = 1;
     memset(s->info, 0, sizeof *s->info);
     s->info->consistent = 1;
     s->info->worst_quality = 1;
@@ -462,30 +517,6 @@ static sb_result ndli_step_run(const ndli_stepping *s, double dt, int substeps)
     if (result != SB_OK && ndli_needle_undo(s->site, NDLI_KEPT_STEP, s->error) != SB_OK)
         return SB_ERROR_MEMORY;
     return result;
-}
-
-/* 1: shorter steps may do better. */
-static int ndli_step_may_be_too_long(sb_result result)
-{
-    return result == SB_ERROR_DIVERGED || result == SB_ERROR_INVERTED || result == SB_ERROR_INDEFINITE ||
-           result == SB_ERROR_NOT_CONVERGED;
-}
-
-/* Times the body's cap on iterations. */
-enum { NDLI_STEP_PATIENCE = 8 };
-
-/* In more and more substeps until it succeeds. Tissue that does not let needles go their way is waited for in the
- * shortest, and if that does not help in the whole step: in long ones more iterations would but crush it. */
-static sb_result ndli_step_run_finer(ndli_stepping *s, double dt, int substeps)
-{
-    sb_result result;
-    s->patience = 1;
-    result = ndli_step_run(s, dt, substeps);
-    for (int finer = 4; ndli_step_may_be_too_long(result) && finer <= NDLI_FINEST; finer *= 4) {
-        s->patience = finer < NDLI_FINEST ? 1 : NDLI_STEP_PATIENCE;
-        result = ndli_step_run(s, dt, finer * substeps);
-    }
-    return ndli_step_may_be_too_long(result) ? ndli_step_run(s, dt, substeps) : result;
 }
 
 /* A step that is sound in its arguments. */
@@ -502,7 +533,7 @@ static sb_result ndli_step_make(ndli_stepping *s, double dt, int substeps)
         return result;
     if (!ndli_needle_keep(s->site, NDLI_KEPT_STEP))
         return sbi_fail(s->error, SB_ERROR_MEMORY, "no memory to keep the state at the start of a step");
-    result = ndli_step_run_finer(s, dt, substeps);
+    result = ndli_step_run(s, dt, substeps);
     if (result == SB_ERROR_DIVERGED) {
         int torn = ndli_step_tear_out(s);
         if (torn != 0)

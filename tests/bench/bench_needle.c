@@ -5,6 +5,7 @@
  *                       phantom's tolerance
  *     needle_program    the same, for 6 s, then turned by half a turn at rest, fed for 2 s and drawn out
  *     needle_1khz       the same needle fed for 1 s, dt 1 ms
+ *     needle_held, needle_held_1khz   the first and the last with NDL_EMBED, the default of needles
  *
  * One line per workload:
  *     name n_dof median_ms min_ms p99_ms max_ms iterations bytes warm checksum | body couple needle remesh (mean ms);
@@ -38,11 +39,12 @@ static size_t bytes_given;
 enum { WARM = 50, MOST_STEPS = 1000 };
 
 /* tolerance 0: the phantom's. */
-static int make_scene(phantom *p, sb_real tolerance)
+static int make_scene(phantom *p, ndl_follow follow, sb_real tolerance)
 {
     sb_body_def def = phantom_default_body_def();
     sb_error error;
     memset(p, 0, sizeof *p);
+    p->follow = follow;
     def.clock = now;
     def.tolerance = tolerance > 0 ? tolerance : def.tolerance;
     def.max_iterations = 5000;
@@ -75,11 +77,11 @@ static ndl_command program(int step)
 }
 
 /* Sum of |u| after a run. */
-static double sum_displacements(ndl_command (*command_at)(int step), double dt, int steps)
+static double sum_displacements(ndl_follow follow, ndl_command (*command_at)(int step), double dt, int steps)
 {
     double sum = 0;
     phantom p;
-    if (!make_scene(&p, (sb_real)1e-8))
+    if (!make_scene(&p, follow, (sb_real)1e-8))
         return 0;
     for (int k = 0; k < steps; k++) {
         ndl_command command = command_at(k);
@@ -91,14 +93,14 @@ static double sum_displacements(ndl_command (*command_at)(int step), double dt, 
     return sum;
 }
 
-static void run(const char *name, ndl_command (*command_at)(int step), double dt, int steps)
+static void run(const char *name, ndl_follow follow, ndl_command (*command_at)(int step), double dt, int steps)
 {
     static double times[MOST_STEPS];
     double phases[4] = {0, 0, 0, 0};
     int iterations = 0, trials = 0, most = 0, consistent = 0, counted = steps - WARM, n_dof;
     size_t bytes = 0, warm;
     phantom p;
-    if (!make_scene(&p, 0)) {
+    if (!make_scene(&p, follow, 0)) {
         printf("%s: no scene\n", name);
         return;
     }
@@ -128,8 +130,8 @@ static void run(const char *name, ndl_command (*command_at)(int step), double dt
     qsort(times, (size_t)counted, sizeof times[0], ascending);
     printf("%s %d %.3f %.3f %.3f %.3f %.1f %lu %lu %.9g | %.3f %.3f %.3f %.3f; %.2f/%d; %.2f\n", name, n_dof,
            times[counted / 2], times[0], times[counted * 99 / 100], times[counted - 1], (double)iterations / counted,
-           (unsigned long)bytes, (unsigned long)warm, sum_displacements(command_at, dt, steps), phases[0], phases[1],
-           phases[2], phases[3], (double)trials / counted, most, 100.0 * consistent / counted);
+           (unsigned long)bytes, (unsigned long)warm, sum_displacements(follow, command_at, dt, steps), phases[0],
+           phases[1], phases[2], phases[3], (double)trials / counted, most, 100.0 * consistent / counted);
 }
 
 /* ---- iterations beside those without a needle ---- */
@@ -167,7 +169,7 @@ static void compare_iterations(int steps)
 {
     int with = 0, without = 0;
     phantom p, twin;
-    if (!make_scene(&p, 0) || !make_scene(&twin, 0)) {
+    if (!make_scene(&p, NDL_REMESH, 0) || !make_scene(&twin, NDL_REMESH, 0)) {
         printf("no scene\n");
         return;
     }
@@ -201,7 +203,7 @@ static int feel_run(sb_real tolerance, feel *felt, int steps)
 {
     int iterations = 0, operations = 0;
     phantom p;
-    if (!make_scene(&p, tolerance))
+    if (!make_scene(&p, NDL_REMESH, tolerance))
         return 0;
     for (int k = 0; k < steps; k++) {
         const ndl_rod *rod = ndl_needle_rod(p.needle);
@@ -246,9 +248,11 @@ int main(int argc, char **argv)
     } else if (argc > 1 && strcmp(argv[1], "accuracy") == 0) {
         compare_accuracy(400);
     } else {
-        run("needle_prostate", insert, 0.02, 400);
-        run("needle_program", program, 0.02, 600);
-        run("needle_1khz", insert, 0.001, 1000);
+        run("needle_prostate", NDL_REMESH, insert, 0.02, 400);
+        run("needle_program", NDL_REMESH, program, 0.02, 600);
+        run("needle_1khz", NDL_REMESH, insert, 0.001, 1000);
+        run("needle_held", NDL_EMBED, insert, 0.02, 400);
+        run("needle_held_1khz", NDL_EMBED, insert, 0.001, 1000);
     }
     return 0;
 }

@@ -163,12 +163,24 @@ SBI_API void sbi_live_join_glued(sb_body *body, int *joined)
     body->component_count = count;
 }
 
+/* 1 when the same nodes are tied after the change. */
+static int sbi_live_glue_stays(const sbi_live *live)
+{
+    int stays = live->glue.count == live->next_glue.count;
+    size_t size = (size_t)live->glue.nodes * sizeof(int);
+    for (int k = 0; k < 2 * live->glue.count && stays; k++)
+        stays = memcmp(live->glue.ties[k / 2].nodes[k % 2], live->next_glue.ties[k / 2].nodes[k % 2], size) == 0;
+    return stays;
+}
+
 SBI_API sbi_matrix_couplings sbi_live_glue_couplings(sb_body *body, const sbi_mesh_change *out)
 {
     sbi_live *live = body->live;
     sbi_matrix_couplings couplings;
     int all;
     memset(&couplings, 0, sizeof couplings);
+    if (sbi_live_glue_stays(live))
+        return couplings;
     couplings.gone_count = sbi_live_list_couplings(&live->glue, live->couplings, 0);
     couplings.gone_count = sbi_live_drop_couplings(out, live->couplings, couplings.gone_count);
     all = sbi_live_list_couplings(&live->next_glue, live->couplings, couplings.gone_count);

@@ -38,26 +38,85 @@ static void sbi_live_add_mass(const sb_body *body, int node, double m, sb_vec3 a
     }
 }
 
-SBI_API void sbi_live_add_cell(const sb_body *body, int e, sb_vec3 about, int motions, sbi_live_moment *sums,
-                               sbi_live_moment *also)
+/* Lumped masses (kg) of a cell at its nodes. */
+static void sbi_live_cell_masses(const sb_body *body, int e, sb_real masses[SB_MAX_ELEMENT_NODES])
 {
-    sb_real mass[SB_MAX_ELEMENT_NODES * SB_MAX_ELEMENT_NODES];
+    sb_real mass[SB_MAX_ELEMENT_NODES * SB_MAX_ELEMENT_NODES], density;
     sb_vec3 x[SB_MAX_ELEMENT_NODES];
     int n = body->domain.nodes_per_cell;
     const int *cell = body->domain.cells + (size_t)e * (size_t)n;
     if (body->live->follows) {
         for (int a = 0; a < 4; a++)
-            sbi_live_add_mass(body, cell[a], (double)body->live->masses[4 * (size_t)e + (size_t)a][0], about, motions,
-                              sums, also);
+            masses[a] = body->live->masses[4 * (size_t)e + (size_t)a][0];
         return;
     }
     memset(x, 0, sizeof x); /* compilers cannot see that n > 0 */
     for (int a = 0; a < n; a++)
         x[a] = body->reference[cell[a]];
     sbi_body_cell_mass(body, e, SB_MASS_LUMPED, x, mass, NULL);
+    density = sbi_live_density(body, e);
     for (int a = 0; a < n; a++)
-        sbi_live_add_mass(body, cell[a], (double)(sbi_live_density(body, e) * mass[a * n + a]), about, motions, sums,
-                          also);
+        masses[a] = density * mass[a * n + a];
+}
+
+SBI_API void sbi_live_add_cell(const sb_body *body, int e, sb_vec3 about, int motions, sbi_live_moment *sums,
+                               sbi_live_moment *also)
+{
+    sb_real masses[SB_MAX_ELEMENT_NODES];
+    int n = body->domain.nodes_per_cell;
+    const int *cell = body->domain.cells + (size_t)e * (size_t)n;
+    sbi_live_cell_masses(body, e, masses);
+    for (int a = 0; a < n; a++)
+        sbi_live_add_mass(body, cell[a], (double)masses[a], about, motions, sums, also);
+}
+
+/* Masses of cells, gathered by node: a node has many of them, and its motion is read once. In the body's scratch: x of
+ * all cells, y of those that another sum counts, too. */
+typedef struct sbi_live_gathering {
+    const sb_body *body;
+    int last; /* 1 + the node listed last, or -1; its node_marks have the one before */
+} sbi_live_gathering;
+
+static sbi_live_gathering sbi_live_gather(const sb_body *body)
+{
+    sbi_live_gathering gathering;
+    gathering.body = body;
+    gathering.last = -1;
+    return gathering;
+}
+
+static void sbi_live_gather_cell(sbi_live_gathering *gathering, int e, int also)
+{
+    const sb_body *body = gathering->body;
+    sb_real masses[SB_MAX_ELEMENT_NODES];
+    int n = body->domain.nodes_per_cell, *marks = body->live->node_marks;
+    const int *cell = body->domain.cells + (size_t)e * (size_t)n;
+    sbi_live_cell_masses(body, e, masses);
+    for (int a = 0; a < n; a++) {
+        sb_vec3 *mass = body->work + cell[a];
+        if (!marks[cell[a]]) {
+            marks[cell[a]] = gathering->last;
+            gathering->last = cell[a] + 1;
+            mass->x = mass->y = 0;
+        }
+        mass->x += masses[a];
+        mass->y += also ? masses[a] : 0;
+    }
+}
+
+/* Adds what was gathered; also: NULL, nothing counts there. */
+static void sbi_live_add_gathered(sbi_live_gathering *gathering, sb_vec3 about, int motions, sbi_live_moment *sums,
+                                  sbi_live_moment *also)
+{
+    const sb_body *body = gathering->body;
+    while (gathering->last > 0) {
+        int node = gathering->last - 1, same = also && body->work[node].x == body->work[node].y;
+        sbi_live_add_mass(body, node, (double)body->work[node].x, about, motions, sums, same ? also : NULL);
+        if (also && !same && body->work[node].y > 0)
+            sbi_live_add_mass(body, node, (double)body->work[node].y, about, motions, also, NULL);
+        gathering->last = body->live->node_marks[node];
+        body->live->node_marks[node] = 0;
+    }
 }
 
 SBI_API int sbi_live_first_changed(const sbi_mesh_change *change)
@@ -71,6 +130,7 @@ SBI_API int sbi_live_first_changed(const sbi_mesh_change *change)
 SBI_API sbi_live_balance sbi_live_weigh(const sb_body *body, const sbi_mesh_change *change, sb_vec3 about)
 {
     unsigned char *has_child = body->live->cell_marks;
+    sbi_live_gathering gathering = sbi_live_gather(body);
     sbi_live_balance b;
     memset(&b, 0, sizeof b);
     b.about = about;
@@ -82,10 +142,10 @@ SBI_API sbi_live_balance sbi_live_weigh(const sb_body *body, const sbi_mesh_chan
         if (change->made_parents[i] >= 0)
             has_child[change->made_parents[i]] = 1;
     for (int i = 0; i < change->reshaped_cell_count; i++)
-        sbi_live_add_cell(body, change->reshaped_cells[i], about, b.motions, b.all, b.parents);
+        sbi_live_gather_cell(&gathering, change->reshaped_cells[i], 1);
     for (int i = 0; i < change->removed_cell_count; i++)
-        sbi_live_add_cell(body, change->removed_cells[i], about, b.motions, b.all,
-                          has_child[change->removed_cells[i]] ? b.parents : NULL);
+        sbi_live_gather_cell(&gathering, change->removed_cells[i], has_child[change->removed_cells[i]]);
+    sbi_live_add_gathered(&gathering, about, b.motions, b.all, b.parents);
     for (int i = 0; i < change->made_cell_count; i++)
         if (change->made_parents[i] >= 0)
             has_child[change->made_parents[i]] = 0;
@@ -96,12 +156,14 @@ SBI_API sbi_live_balance sbi_live_weigh(const sb_body *body, const sbi_mesh_chan
 static void sbi_live_weigh_next(const sb_body *next, const sbi_mesh_change *change, const sbi_live_balance *before,
                                 sbi_live_moment *have)
 {
+    sbi_live_gathering gathering = sbi_live_gather(next);
     memset(have, 0, SBI_LIVE_MOTIONS * sizeof *have);
     for (int i = 0; i < change->made_cell_count; i++)
         if (change->made_parents[i] >= 0)
-            sbi_live_add_cell(next, change->made_cells[i], before->about, before->motions, have, NULL);
+            sbi_live_gather_cell(&gathering, change->made_cells[i], 0);
     for (int i = 0; i < change->reshaped_cell_count; i++)
-        sbi_live_add_cell(next, change->reshaped_cells[i], before->about, before->motions, have, NULL);
+        sbi_live_gather_cell(&gathering, change->reshaped_cells[i], 0);
+    sbi_live_add_gathered(&gathering, before->about, before->motions, have, NULL);
 }
 
 static void sbi_live_scale_moment(sbi_live_moment *sum, double factor)

@@ -1436,19 +1436,78 @@ static sb_result sbi_state_check_cells(const sbi_live_mesh *mesh, int n, sb_erro
     return SB_OK;
 }
 
-/* Whether ties are between two pieces, and their numbers finite. */
-static sb_result sbi_state_check_glue(const sbi_live_mesh *mesh, sb_error *error)
+/* Takes the k-th of g's rows and columns out of the others. */
+static void sbi_state_eliminate(double g[SBI_GLUE_NODES][SBI_GLUE_NODES], int n, int k)
 {
-    for (int k = 0; k < mesh->glue_count; k++) {
-        const sbi_glue_tie *tie = mesh->glue + k;
-        int good = tie->cells[0] != tie->cells[1];
-        for (int side = 0; side < 2; side++)
-            good &= mesh->cells.used[tie->cells[side]] && mesh->pieces[tie->cells[side]].is != 0;
-        for (int i = 0; i < SBI_GLUE_GRAM; i++)
-            good &= sb_is_finite(tie->gram[i]);
-        if (!good)
-            return sbi_fail_element(error, SB_ERROR_FORMAT, tie->cells[0], "the saved tie %d is damaged", k);
+    for (int i = 0; i < n; i++) {
+        double factor = g[i][k] / g[k][k];
+        for (int j = 0; j < n && i != k; j++)
+            g[i][j] = j == k ? 0 : g[i][j] - factor * g[k][j];
     }
+    for (int j = 0; j < n; j++)
+        g[k][j] = 0;
+}
+
+/* Whether G is a sum of w N N^T with w >= 0 and 0 <= trace <= most, within rounding: eliminated by its largest pivots
+ * nothing may be left of it. */
+static int sbi_state_is_gram(const sb_real *gram, int n, double most)
+{
+    double g[SBI_GLUE_NODES][SBI_GLUE_NODES], trace = 0, rounding;
+    for (int i = 0; i < n; i++)
+        for (int j = 0; j < n; j++)
+            g[i][j] = (double)gram[sbi_glue_at(n, i, j)];
+    for (int i = 0; i < n; i++)
+        trace += g[i][i];
+    if (!(trace >= 0) || !(trace <= most))
+        return 0;
+    rounding = 256 * (double)SB_EPSILON * trace;
+    for (int step = 0; step < n; step++) {
+        int k = 0;
+        for (int i = 1; i < n; i++)
+            k = g[i][i] > g[k][k] ? i : k;
+        if (!(g[k][k] > rounding))
+            break;
+        sbi_state_eliminate(g, n, k);
+    }
+    for (int i = 0; i < n * n; i++)
+        if (!(fabs(g[i / n][i % n]) <= rounding))
+            return 0;
+    return 1;
+}
+
+/* Glue of a cut is far below that many lengths of a cell's edge: beyond, steps would but hold the two together. */
+static const double sbi_state_most_glue = 1e9;
+
+/* Whether a tie is between two pieces of one element, which stand on copies of its nodes, with a matrix that is one. */
+static int sbi_state_is_tie(const sbi_live_mesh *mesh, const sbi_glue_tie *tie, int n)
+{
+    const int *corners[2];
+    double longest = 0;
+    for (int side = 0; side < 2; side++) {
+        corners[side] = mesh->corners + (size_t)n * (size_t)tie->cells[side];
+        if (!mesh->cells.used[tie->cells[side]] || mesh->pieces[tie->cells[side]].is == 0)
+            return 0;
+    }
+    for (int i = 0; i < n; i++) {
+        sb_vec3 a = mesh->positions[corners[0][i]], b = mesh->positions[corners[1][i]];
+        if (a.x != b.x || a.y != b.y || a.z != b.z)
+            return 0;
+        for (int j = 0; j < i; j++)
+            longest = fmax(longest, (double)sb_v3_norm(sb_v3_sub(a, mesh->positions[corners[0][j]])));
+    }
+    for (int i = 0; i < SBI_GLUE_GRAM; i++)
+        if (!sb_is_finite(tie->gram[i]))
+            return 0;
+    return tie->cells[0] != tie->cells[1] && sbi_state_is_gram(tie->gram, n, sbi_state_most_glue * longest);
+}
+
+static sb_result sbi_state_check_glue(const sbi_live_mesh *mesh, int n, sb_error *error)
+{
+    for (int k = 0; k < mesh->glue_count; k++)
+        if (!sbi_state_is_tie(mesh, mesh->glue + k, n))
+            return sbi_fail_element(error, SB_ERROR_FORMAT, mesh->glue[k].cells[0],
+                                    "the saved tie %d between the cells %d and %d is damaged", k,
+                                    mesh->glue[k].cells[0], mesh->glue[k].cells[1]);
     return SB_OK;
 }
 
@@ -1492,7 +1551,7 @@ static sb_result sbi_state_read_mesh(const sb_body *body, const sbi_state_walk *
     if (walk.result == SB_OK)
         walk.result = sbi_state_check_cells(mesh, n, error);
     if (walk.result == SB_OK)
-        walk.result = sbi_state_check_glue(mesh, error);
+        walk.result = sbi_state_check_glue(mesh, n, error);
     return walk.result;
 }
 

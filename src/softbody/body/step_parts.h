@@ -136,9 +136,10 @@ SBI_API sb_result sbi_body_step_with(sb_body *body, sb_real dt, const sbi_guest 
  * the last): supports and tools go so much of their ways.
  *
  * Where each increment was cut short, guests have gone a share of their way only, and their loads (a sleeve that moves)
- * all of it: what they are held by would be the force of that gap, of thousands of newtons in a needle. Such a step
- * goes on for `patience` times the body's cap on iterations, then it fails with SB_ERROR_DIVERGED; a linearised one
- * fails at once. 1: the caller rather divides it further. 0: the step is taken as it is. */
+ * all of it: what they are held by would be the force of that gap, of thousands of newtons in a needle. So an iterated
+ * step whose guests' rows do not meet the tolerance at its cap goes on for `patience` times the body's cap on
+ * iterations, then it fails with SB_ERROR_DIVERGED; a linearised one whose increment was cut short fails at once. 1:
+ * the caller rather divides it further. 0: the step is taken as it is. */
 typedef struct sbi_step_part {
     sb_real begin, end;
     int patience;

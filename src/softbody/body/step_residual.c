@@ -380,8 +380,9 @@ static int sbi_step_guests_meet(const sbi_step *step, sb_real rounding)
 
 SBI_API int sbi_step_guests_lag(const sbi_step *step)
 {
-    return step->patience > 0 && step->given.count > 0 && step->guests_left > 0 &&
-           (step->linearised || !sbi_step_guests_meet(step, sbi_step_rounding(step)));
+    if (step->patience == 0 || step->given.count == 0)
+        return 0;
+    return step->linearised ? step->guests_left > 0 : !sbi_step_guests_meet(step, sbi_step_rounding(step));
 }
 
 SBI_API sb_real sbi_step_rounding(const sbi_step *step)

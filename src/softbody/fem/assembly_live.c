@@ -104,13 +104,17 @@ static void sbi_live_remove_pairs(const sbi_assembly_live *live, const sb_matrix
         }
 }
 
-/* Puts those in that are not there. */
-static void sbi_live_add_pairs(const sbi_assembly_live *live, const sb_matrix *matrix, int e, const int *nodes)
+/* Puts those in that are not there; kept: corners whose pairs are. */
+static void sbi_live_add_pairs(const sbi_assembly_live *live, const sb_matrix *matrix, int e, const int *nodes,
+                               int kept)
 {
     for (int a = 0; a < 4; a++)
         for (int b = a + 1; b < 4; b++) {
-            int block, pair = sbi_live_pair_of(matrix, e, nodes, a, b, &block);
-            int *at = sbi_ring_of_pairs(live, matrix, block, pair);
+            int block, pair, *at;
+            if ((kept >> a & kept >> b & 1) != 0)
+                continue;
+            pair = sbi_live_pair_of(matrix, e, nodes, a, b, &block);
+            at = sbi_ring_of_pairs(live, matrix, block, pair);
             if (*at == pair)
                 continue;
             live->pair_next[sbi_live_pair_index(pair)] = *at;
@@ -158,7 +162,7 @@ SBI_API void sbi_assembly_map_rows(sbi_assembly *assembly, const sb_matrix *matr
         matrix->live->heads[q] = -1;
     for (int e = domain->cell_count; e-- > 0;) /* the last first, so that none has to be passed */
         if (!sbi_domain_is_free(domain, e))
-            sbi_live_add_pairs(live, matrix, e, domain->cells + 4 * (size_t)e);
+            sbi_live_add_pairs(live, matrix, e, domain->cells + 4 * (size_t)e, 0);
     memset(live->unmapped, 1, (size_t)matrix->row_count);
     live->maps_are_old = 1;
 }
@@ -501,8 +505,10 @@ static void sbi_assembly_follow_rings(sbi_assembly *assembly, const sb_matrix *m
         sbi_live_remove_pairs(live, matrix, e, nodes, live->kept[e]);
     }
     for (int k = 0; k < change->made_cell_count; k++) {
-        sbi_assembly_join_rings(assembly, change->made_cells[k], change->made_cell_nodes + 4 * (size_t)k);
-        sbi_live_add_pairs(live, matrix, change->made_cells[k], change->made_cell_nodes + 4 * (size_t)k);
+        int e = change->made_cells[k], kept = live->kept[e];
+        const int *nodes = change->made_cell_nodes + 4 * (size_t)k;
+        sbi_assembly_join_rings(assembly, e, nodes);
+        sbi_live_add_pairs(live, matrix, e, nodes, kept);
     }
     for (int k = 0; k < matrix->live->touched_count; k++)
         live->unmapped[matrix->live->touched[k]] = 1;
