@@ -91,6 +91,7 @@ typedef enum case_kind {
     CASE_TRACTION,
     CASE_PRESSURE,
     CASE_SPRING,
+    CASE_EQUATION,
     CASE_CUT,
     CASE_SOLVE,
     CASE_OUTPUT
@@ -145,6 +146,7 @@ static const case_form case_forms[] = {
     {"traction", NULL, "", CASE_BIT(CASE_FACES) | CASE_BIT(CASE_VALUE), 0, CASE_TRACTION, 0, 0},
     {"pressure", NULL, "", CASE_BIT(CASE_FACES) | CASE_BIT(CASE_PRESSURE_VALUE), 0, CASE_PRESSURE, 0, 0},
     {"spring", NULL, "", CASE_BIT(CASE_FILE), 0, CASE_SPRING, 0, 0},
+    {"equation", NULL, "", CASE_BIT(CASE_FILE), 0, CASE_EQUATION, 0, 0},
     {"cut", "plane", "nnnnnn", 0, CASE_BIT(CASE_LATTICE), CASE_CUT, CASE_CUT_PLANE, 0},
     {"cut", "polygon", "", CASE_BIT(CASE_FILE), CASE_BIT(CASE_LATTICE), CASE_CUT, CASE_CUT_POLYGON, 0},
     {"cut", "surface", "", CASE_BIT(CASE_FILE), CASE_BIT(CASE_LATTICE), CASE_CUT, CASE_CUT_SURFACE, 0},
@@ -207,7 +209,17 @@ typedef struct case_statement {
     sb_real *stiffness; /* [count] of springs (N/m) */
     sb_vec3 *scaled;    /* [count] scratch: vectors times the ramp's share */
     int *faces;         /* [count][corners of a face] */
+    sb_real *values;    /* [count] right-hand sides (m) of equations */
+    int *term_counts;   /* [count] */
+    sb_constraint_term *terms; /* [term_count] of all equations, one after the other; the first of each is the slave */
+    int term_count, term_capacity;
 } case_statement;
+
+/* Messages, one a line, each with the file and line it is about. */
+typedef struct case_messages {
+    char *text; /* NULL: none */
+    int count, size, capacity;
+} case_messages;
 
 /* A case. case_read fills it; `mass` may be changed before case_create_body. */
 typedef struct case_file {
@@ -233,7 +245,14 @@ typedef struct case_file {
 
     int mass; /* an sb_mass_kind, or -1 (unless changed): what suits the solve, see case_mass */
 
-    int error_line; /* line of the case file that `message` is about */
+    char **kept; /* [kept_count] texts of the case's own that statements point to */
+    int kept_count, kept_capacity;
+    int *node_numbers;    /* [node_count] what outputs call the nodes; NULL: their places, from 0 */
+    int *element_numbers; /* [element_count] likewise */
+
+    case_messages faults; /* all of them, where a format has them listed; `message` is then the first */
+    case_messages notes;  /* what was taken otherwise than it stands there, or left out */
+    int error_line;       /* line of the case file that `message` is about */
     char message[1024];
 } case_file;
 
@@ -286,6 +305,39 @@ static inline int case_reserve(void **items, int count, int *capacity, size_t si
     return 1;
 }
 
+/* A copy of a text that lives as long as the case; NULL when memory is short. */
+static inline const char *case_keep(case_file *c, const char *text)
+{
+    size_t size = strlen(text) + 1;
+    void *items = c->kept;
+    char *copy;
+    if (!case_reserve(&items, c->kept_count, &c->kept_capacity, sizeof *c->kept))
+        return NULL;
+    c->kept = (char **)items;
+    copy = (char *)malloc(size);
+    if (!copy)
+        return NULL;
+    c->kept[c->kept_count++] = copy;
+    return (const char *)memcpy(copy, text, size);
+}
+
+/* Adds a line `path:line: words`; forgotten where memory is short. */
+static inline void case_add_message(case_messages *m, const char *path, int line, const char *words)
+{
+    int length = snprintf(NULL, 0, "%s:%d: %s\n", path, line, words);
+    while (length > 0 && m->capacity - m->size <= length) {
+        void *text = m->text;
+        int capacity = m->capacity;
+        if (!case_reserve(&text, capacity, &capacity, 1))
+            return;
+        m->text = (char *)text;
+        m->capacity = capacity;
+    }
+    snprintf(m->text + m->size, (size_t)length + 1, "%s:%d: %s\n", path, line, words);
+    m->size += length;
+    m->count++;
+}
+
 static inline void case_free_statement(case_statement *s)
 {
     free(s->nodes);
@@ -293,6 +345,9 @@ static inline void case_free_statement(case_statement *s)
     free(s->stiffness);
     free(s->scaled);
     free(s->faces);
+    free(s->values);
+    free(s->term_counts);
+    free(s->terms);
 }
 
 /* Releases a case; safe on one that case_read refused. */
@@ -304,6 +359,13 @@ static inline void case_free(case_file *c)
     free(c->statements);
     free(c->region_materials);
     free(c->supports);
+    for (int i = 0; i < c->kept_count; i++)
+        free(c->kept[i]);
+    free(c->kept);
+    free(c->node_numbers);
+    free(c->element_numbers);
+    free(c->faults.text);
+    free(c->notes.text);
     free(c->text);
     free(c->path);
     sb_index_lists_free(&c->node_elements);
@@ -917,6 +979,69 @@ static inline int case_take_face_line(case_file *c, case_statement *s, char *lin
     return case_add_face(c, s, element, face);
 }
 
+/* Starts another equation of a statement. */
+static inline int case_add_equation(case_file *c, case_statement *s, sb_real value)
+{
+    void *values = s->values, *counts = s->term_counts;
+    int capacity = s->capacity, ok = case_reserve(&values, s->count, &capacity, sizeof *s->values);
+    s->values = (sb_real *)values;
+    ok = ok && case_reserve(&counts, s->count, &s->capacity, sizeof *s->term_counts);
+    s->term_counts = (int *)counts;
+    if (!ok)
+        return case_fail_memory(c, s->line);
+    s->values[s->count] = value;
+    s->term_counts[s->count++] = 0;
+    return 1;
+}
+
+/* Adds a term to the last equation. */
+static inline int case_add_term(case_file *c, case_statement *s, int node, int axis, sb_real coefficient)
+{
+    void *terms = s->terms;
+    if (!case_reserve(&terms, s->term_count, &s->term_capacity, sizeof *s->terms))
+        return case_fail_memory(c, s->line);
+    s->terms = (sb_constraint_term *)terms;
+    s->terms[s->term_count].node = node;
+    s->terms[s->term_count].axis = axis;
+    s->terms[s->term_count++].coefficient = coefficient;
+    s->term_counts[s->count - 1]++;
+    return 1;
+}
+
+/* One line of equations: VALUE NODE AXIS COEFFICIENT [NODE AXIS COEFFICIENT] ... */
+static inline int case_take_equation_line(case_file *c, case_statement *s, char *line)
+{
+    const char *word = case_next_word(&line);
+    double number;
+    if (!word || !case_scan_number(word, &number))
+        return case_fail(c, 0, "'%.80s' is no finite number", word ? word : "");
+    if (!case_add_equation(c, s, (sb_real)number))
+        return 0;
+    for (word = case_next_word(&line); word || s->term_counts[s->count - 1] == 0; word = case_next_word(&line)) {
+        int node = -1, axes;
+        if (!case_take_node(c, word, &node))
+            return 0;
+        word = case_next_word(&line);
+        axes = word ? case_scan_axes(word) : 0;
+        if (axes != SB_X && axes != SB_Y && axes != SB_Z)
+            return case_fail(c, 0, "'%.80s' is not an axis: write x, y or z", word ? word : "");
+        word = case_next_word(&line);
+        if (!word || !case_scan_number(word, &number))
+            return case_fail(c, 0, "'%.80s' is no finite number", word ? word : "");
+        if (!case_add_term(c, s, node, axes == SB_X ? 0 : axes == SB_Y ? 1 : 2, (sb_real)number))
+            return 0;
+    }
+    return 1;
+}
+
+/* One line of the list of a statement. */
+static inline int case_take_line(case_file *c, case_statement *s, char *line, unsigned char *seen)
+{
+    if (s->form->kind == CASE_EQUATION)
+        return case_take_equation_line(c, s, line);
+    return case_has_faces(s) ? case_take_face_line(c, s, line, seen) : case_take_node_line(c, s, line, seen);
+}
+
 /* Reads a list line by line; a complaint about a line gets the list's name and line number. */
 static inline int case_take_lines(case_file *c, case_statement *s, const char *path, char *text, unsigned char *seen)
 {
@@ -925,7 +1050,7 @@ static inline int case_take_lines(case_file *c, case_statement *s, const char *p
         int ok;
         if (!line[strspn(line, " \t\r")])
             continue;
-        ok = case_has_faces(s) ? case_take_face_line(c, s, line, seen) : case_take_node_line(c, s, line, seen);
+        ok = case_take_line(c, s, line, seen);
         if (!ok) {
             memcpy(message, c->message, sizeof message);
             return case_fail(c, s->line, "%.500s:%d: %.400s", path, number, message);
@@ -970,21 +1095,12 @@ static inline int case_load_lists(case_file *c)
 
 /* ---- loading: mesh and materials ----------------------------------------------------------------------- */
 
-static inline int case_load_mesh(case_file *c)
+/* A volume mesh without elements twice, of the element that the case names. */
+static inline int case_check_mesh(case_file *c)
 {
     const case_statement *s = c->mesh_statement, *element = c->element;
-    char *path = case_input_path(c, s->path);
-    sb_load_options options = sb_default_load_options();
     sb_error error;
-    sb_result result;
     int duplicates;
-    if (!path)
-        return case_fail_memory(c, s->line);
-    options.report = &c->mesh_report;
-    result = sb_mesh_load(&c->mesh, path, &options, &error);
-    free(path);
-    if (result != SB_OK)
-        return case_fail_library(c, s->line, &error);
     if (sb_mesh_remove_duplicate_elements(&c->mesh, &duplicates, &error) != SB_OK)
         return case_fail_library(c, s->line, &error);
     if (duplicates > 0)
@@ -996,6 +1112,23 @@ static inline int case_load_mesh(case_file *c)
         return case_fail(c, element->line, "element %s does not fit the mesh, which has %s", element->treatment->name,
                          sb_element_name(c->mesh.element_type));
     return 1;
+}
+
+static inline int case_load_mesh(case_file *c)
+{
+    const case_statement *s = c->mesh_statement;
+    char *path = case_input_path(c, s->path);
+    sb_load_options options = sb_default_load_options();
+    sb_error error;
+    sb_result result;
+    if (!path)
+        return case_fail_memory(c, s->line);
+    options.report = &c->mesh_report;
+    result = sb_mesh_load(&c->mesh, path, &options, &error);
+    free(path);
+    if (result != SB_OK)
+        return case_fail_library(c, s->line, &error);
+    return case_check_mesh(c);
 }
 
 /* The elastic part of a material. */
@@ -1334,10 +1467,10 @@ static inline int case_free_axes(const case_file *c)
     return count;
 }
 
-static inline int case_load(case_file *c)
+/* What is checked when statements have their lists. */
+static inline int case_load_rest(case_file *c)
 {
-    int ok =
-        case_load_mesh(c) && case_load_materials(c) && case_load_lists(c) && case_load_supports(c) && case_load_cuts(c);
+    int ok = case_load_supports(c) && case_load_cuts(c);
     for (int i = 0; i < c->statement_count && ok; i++)
         ok = case_check_statement(c, c->statements + i);
     if (ok && case_is_dynamic(c) && case_dt(c) > 0 && !(c->solve->number[CASE_END] / case_dt(c) < 1e9))
@@ -1348,9 +1481,8 @@ static inline int case_load(case_file *c)
     return ok;
 }
 
-/* Reads the case file at `path` and the files it names. Returns 1, or 0 with c->error_line and c->message
- * telling what is wrong. *c is overwritten; release it with case_free in either case. */
-static inline int case_read(case_file *c, const char *path)
+/* An empty case with the text of its file. */
+static inline int case_start(case_file *c, const char *path)
 {
     const char *reason = "out of memory";
     size_t size = strlen(path) + 1;
@@ -1361,9 +1493,15 @@ static inline int case_read(case_file *c, const char *path)
         return case_fail_memory(c, 0);
     memcpy(c->path, path, size);
     c->text = case_read_text(path, &reason);
-    if (!c->text)
-        return case_fail(c, 1, "%s", reason);
-    return case_parse(c) && case_load(c);
+    return c->text || case_fail(c, 1, "%s", reason);
+}
+
+/* Reads the case file at `path` and the files it names. Returns 1, or 0 with c->error_line and c->message
+ * telling what is wrong. *c is overwritten; release it with case_free in either case. */
+static inline int case_read(case_file *c, const char *path)
+{
+    return case_start(c, path) && case_parse(c) && case_load_mesh(c) && case_load_materials(c) && case_load_lists(c) &&
+           case_load_rest(c);
 }
 
 /* ---- the body ------------------------------------------------------------------------------------------ */
@@ -1394,12 +1532,20 @@ static inline void case_set_dynamics(const case_file *c, sb_body_def *def)
     }
 }
 
-static inline sb_result case_add_loads(const case_file *c, sb_body *body, sb_error *error)
+/* Statements of several kinds, as bits. */
+#define CASE_KIND(kind) (1u << (kind))
+#define CASE_DEAD_LOADS (CASE_KIND(CASE_FORCE) | CASE_KIND(CASE_TRACTION))
+#define CASE_LOADS (CASE_DEAD_LOADS | CASE_KIND(CASE_PRESSURE) | CASE_KIND(CASE_SPRING))
+
+/* Adds the loads of these kinds. */
+static inline sb_result case_add_loads(const case_file *c, sb_body *body, unsigned kinds, sb_error *error)
 {
     sb_result result = SB_OK;
     for (int i = 0; i < c->statement_count && result == SB_OK; i++) {
         const case_statement *s = c->statements + i;
         error->message[0] = 0;
+        if (!(kinds & CASE_KIND(s->form->kind)))
+            continue;
         if (s->form->kind == CASE_FORCE)
             result = sb_body_add_forces(body, s->nodes, s->count, s->vectors, 0);
         else if (s->form->kind == CASE_TRACTION)
@@ -1411,6 +1557,19 @@ static inline sb_result case_add_loads(const case_file *c, sb_body *body, sb_err
             result = sb_body_add_springs(body, s->nodes, s->count, s->stiffness, 0, s->vectors, NULL, error);
     }
     return result;
+}
+
+/* Equations are among nodes that supports leave free, or hang on those. */
+static inline int case_add_equations(case_file *c, sb_body *body)
+{
+    sb_error error;
+    for (int i = 0; i < c->statement_count; i++) {
+        const case_statement *s = c->statements + i;
+        if (s->form->kind == CASE_EQUATION &&
+            sb_body_add_constraints(body, s->terms, s->term_counts, s->values, s->count, NULL, &error) != SB_OK)
+            return case_fail_library(c, s->line, &error);
+    }
+    return 1;
 }
 
 /* Copies that a cut made of prescribed nodes go with them, along the axes that they are supported along. */
@@ -1556,9 +1715,11 @@ static inline int case_prepare_body(case_file *c, sb_body *body)
     sb_error error;
     sb_result result;
     memset(&error, 0, sizeof error);
-    result = case_add_loads(c, body, &error);
+    result = case_add_loads(c, body, CASE_LOADS, &error);
     if (result == SB_OK)
         result = case_move_supports(c, body, 0);
+    if (result == SB_OK && !case_add_equations(c, body))
+        return 0;
     if (result == SB_OK && c->lattice && (!case_cut_body(c, body) || !case_hold_crumbs(c, body)))
         return 0;
     if (result == SB_OK)
@@ -1570,13 +1731,10 @@ static inline int case_prepare_body(case_file *c, sb_body *body)
     return 1;
 }
 
-/* Makes the body of a case with all its loads and its supports at time 0. Returns 1, or 0 with error_line and
- * message. A case without the supports that its static solve needs is refused here. */
-static inline int case_create_body(case_file *c, sb_body **out)
+/* What a case says about its body, loads and supports left out. */
+static inline sb_body_def case_body_def(const case_file *c)
 {
     sb_body_def def = sb_default_body_def();
-    sb_body *body = NULL;
-    sb_error error;
     def.mesh = &c->mesh;
     def.material = c->material;
     def.region_materials = c->region_materials;
@@ -1592,6 +1750,16 @@ static inline int case_create_body(case_file *c, sb_body **out)
         case_set_dynamics(c, &def);
     if (c->lattice)
         def.slack = (sb_real)0.5;
+    return def;
+}
+
+/* Makes the body of a case with all its loads and its supports at time 0. Returns 1, or 0 with error_line and
+ * message. A case without the supports that its static solve needs is refused here. */
+static inline int case_create_body(case_file *c, sb_body **out)
+{
+    sb_body_def def = case_body_def(c);
+    sb_body *body = NULL;
+    sb_error error;
     sb_cut_destroy(c->cut);
     c->cut = NULL;
     if (sb_body_create(&def, &body, &error) != SB_OK)
@@ -1602,6 +1770,29 @@ static inline int case_create_body(case_file *c, sb_body **out)
     }
     *out = body;
     return 1;
+}
+
+/* The loads of some kinds (CASE_KIND of gravity, too) on the undeformed body as nodal forces (N), [node_count]. */
+static inline int case_nodal_loads(case_file *c, unsigned kinds, sb_vec3 *forces)
+{
+    sb_body_def def = case_body_def(c);
+    sb_static_options options = sb_default_static_options();
+    sb_body *body = NULL;
+    sb_error error;
+    int ok;
+    memset(&error, 0, sizeof error);
+    if (!(kinds & CASE_KIND(CASE_GRAVITY)))
+        def.gravity = sb_v3(0, 0, 0);
+    ok = sb_body_create(&def, &body, &error) == SB_OK && case_add_loads(c, body, kinds, &error) == SB_OK;
+    for (int i = 0; i < c->mesh.node_count && ok; i++)
+        ok = sb_body_fix_nodes(body, &i, 1, SB_XYZ) == SB_OK;
+    options.load_steps = 1;
+    if (ok && sb_body_solve_static(body, &options, NULL) == SB_OK)
+        memcpy(forces, sb_body_external_forces(body), (size_t)c->mesh.node_count * sizeof *forces);
+    else
+        ok = case_fail(c, c->mesh_statement->line, "%s", error.message[0] ? error.message : "the loads have no nodes");
+    sb_body_destroy(body);
+    return ok;
 }
 
 /* Options of the static solve. */

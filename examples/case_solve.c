@@ -1,7 +1,7 @@
 /* case_solve: solves what a case file describes and writes what it asks for.
  *
  *     cc -O3 case_solve.c -lm -o case_solve
- *     ./case_solve CASE.case [OUT.vtk] [-p PREFIX] [--mass KIND]
+ *     ./case_solve CASE.case|MODEL.inp [OUT.vtk] [-p PREFIX] [--mass KIND]
  *
  * --help tells the grammar of a case file. case_reader.h reads it; this file solves and writes. */
 #include "system.h"
@@ -9,11 +9,11 @@
 #define SB_IMPLEMENTATION
 #include "softbody.h"
 
-#include "case_reader.h"
+#include "case_inp.h"
 #include "cut_file.h"
 
 static const char help[] =
-    "case_solve CASE.case [OUT.vtk] [-p PREFIX] [--mass consistent|reduced|lumped]\n"
+    "case_solve CASE.case|MODEL.inp [OUT.vtk] [-p PREFIX] [--mass consistent|reduced|lumped]\n"
     "\n"
     "Solves the case and writes its outputs to the current directory, with PREFIX before their names.\n"
     "OUT.vtk (or -o OUT.vtk): the deformed mesh with displacement and von Mises stress for ParaView.\n"
@@ -42,6 +42,8 @@ static const char help[] =
     "  traction  faces=FILE value=TX,TY,TZ   Pa on the undeformed area; lines: the nodes of a face\n"
     "  pressure  faces=FILE value=P          Pa, follows the faces, positive pushes inwards\n"
     "  spring    file=FILE                   lines: NODE K X Y Z, N/m to a point in space\n"
+    "  equation  file=FILE                   lines: VALUE NODE AXIS C [NODE AXIS C] ..., sum of C u = VALUE (m); the\n"
+    "                                        first displacement follows from the others\n"
     "  cut       plane PX PY PZ NX NY NZ     through a point across a normal, at rest, before the solve; tet4, tet10\n"
     "  cut       polygon file=FILE           lines: X Y Z, corners of a polygon: triangles from the first\n"
     "  cut       surface file=FILE           a surface, e.g. one closed around what is to come loose. Each of the "
@@ -73,6 +75,12 @@ static const char help_notes[] =
     "which keep their material (a reaction is that of a node and its copies), a stress has a line for each piece of "
     "an\n"
     "element, and OUT.vtk has skin and lips (field lip) instead of the mesh.\n"
+    "MODEL.inp: an input file of Abaqus or CalculiX, in SI units; what it says that is not known here is refused, "
+    "with\n"
+    "all lines it stands in. Outputs then are displacement.txt (or frequencies.txt), reaction.txt and stress.txt "
+    "where\n"
+    "RF and S are printed, probe_NODE.txt where the U of a set of one node is; they have the numbers of the file.\n"
+    "*ELASTIC with NLGEOM is St.Venant-Kirchhoff's material, as in CalculiX.\n"
     "Integration points: tet4 1, tet10 4 (8 when its sides are curved), hex8 8, hex20 and hex27 27.\n"
     "\n"
     "Prints `converged steps=N newton=N pcg=N seconds=S` and exits with 0. A wrong case: 2, and nothing is "
@@ -116,7 +124,9 @@ typedef struct run {
 
 static int complain(const run *r)
 {
-    if (r->file.error_line > 0)
+    if (r->file.faults.count > 0)
+        fputs(r->file.faults.text, stderr);
+    else if (r->file.error_line > 0)
         fprintf(stderr, "%s:%d: %s\n", r->case_path, r->file.error_line, r->file.message);
     else
         fprintf(stderr, "%s: %s\n", r->case_path, r->file.message);
@@ -290,11 +300,18 @@ static void write_vector(FILE *file, sb_vec3 v)
     fprintf(file, " %.17g %.17g %.17g\n", (double)v.x, (double)v.y, (double)v.z);
 }
 
+/* What a file calls its nodes and elements: places from 0 in a case's mesh, numbers of other files. */
+static int node_number(const run *r, int node) { return r->file.node_numbers ? r->file.node_numbers[node] : node; }
+static int element_number(const run *r, int element)
+{
+    return r->file.element_numbers ? r->file.element_numbers[element] : element;
+}
+
 static void write_displacement(const run *r, const case_statement *s, FILE *file)
 {
     (void)s;
     for (int i = 0; i < r->file.mesh.node_count; i++) {
-        fprintf(file, "%d", i);
+        fprintf(file, "%d", node_number(r, i));
         write_vector(file, r->displacement[i]);
     }
 }
@@ -304,7 +321,7 @@ static void write_reaction(const run *r, const case_statement *s, FILE *file)
     (void)s;
     for (int i = 0; i < r->file.mesh.node_count; i++)
         if (r->file.supports[i]) {
-            fprintf(file, "%d", i);
+            fprintf(file, "%d", node_number(r, i));
             write_vector(file, r->reaction[i]);
         }
 }
@@ -317,8 +334,9 @@ static void write_stress(const run *r, const case_statement *s, FILE *file)
             sb_mat3 t;
             int element = r->file.cut ? sb_cut_cell_element(r->file.cut, e) : e;
             if (element >= 0 && sb_body_stress(r->body, e, p, &t) == SB_OK)
-                fprintf(file, "%d %d %.17g %.17g %.17g %.17g %.17g %.17g\n", element, p, (double)t.m[0][0],
-                        (double)t.m[1][1], (double)t.m[2][2], (double)t.m[0][1], (double)t.m[1][2], (double)t.m[0][2]);
+                fprintf(file, "%d %d %.17g %.17g %.17g %.17g %.17g %.17g\n", element_number(r, element), p,
+                        (double)t.m[0][0], (double)t.m[1][1], (double)t.m[2][2], (double)t.m[0][1], (double)t.m[1][2],
+                        (double)t.m[0][2]);
         }
 }
 
@@ -540,6 +558,8 @@ static void print_notes(const run *r)
 {
     for (int i = 0; i < r->file.mesh_report.note_count; i++)
         fprintf(stderr, "%s:%d: note: %s\n", r->case_path, r->file.mesh_statement->line, r->file.mesh_report.notes[i]);
+    if (r->file.notes.text)
+        fputs(r->file.notes.text, stderr);
 }
 
 /* What became of the cuts. */
@@ -557,7 +577,7 @@ static int solve_and_write(run *r)
 {
     clock_t begin = clock();
     double seconds;
-    if (!case_read(&r->file, r->case_path))
+    if (!case_open(&r->file, r->case_path))
         return complain(r);
     print_notes(r);
     r->file.mass = r->mass_kind;
@@ -638,7 +658,7 @@ static int program(int argc, char **argv)
         return EXIT_CONVERGED;
     }
     if (!take_arguments(&r, argc, argv)) {
-        fputs("usage: case_solve CASE.case [OUT.vtk] [-p PREFIX] [--mass KIND]; see --help\n", stderr);
+        fputs("usage: case_solve CASE.case|MODEL.inp [OUT.vtk] [-p PREFIX] [--mass KIND]; see --help\n", stderr);
         return EXIT_WRONG_CASE;
     }
     status = solve_and_write(&r);

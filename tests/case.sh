@@ -326,6 +326,62 @@ say 'mesh cube.vtk' "$material" "$symmetry" 'force nodes=z1 value=0,0,2.5' "$sta
 good 'nodal forces' force.case
 lines u 8 'near($4, $1 < 4 ? 0 : 0.01)'
 
+# The same as an input file of other solvers, whose numbers the outputs have; and one with two mistakes.
+cat >tension.inp <<END
+*NODE, NSET=ALL
+11,0,0,0
+12,1,0,0
+13,1,1,0
+14,0,1,0
+15,0,0,1
+16,1,0,1
+17,1,1,1
+18,0,1,1
+*ELEMENT, TYPE=C3D8, ELSET=ALL
+9,11,12,13,14,15,16,17,18
+*NSET, NSET=CORNER
+17
+*MATERIAL, NAME=GEL
+*ELASTIC
+1000,.3
+*DENSITY
+1000
+*SOLID SECTION, ELSET=ALL, MATERIAL=GEL
+*STEP
+*STATIC
+.5,1
+*BOUNDARY
+11,1,3
+12,2,3
+13,3
+14,1
+14,3
+15,1,2
+16,2
+18,1
+*CLOAD
+15,3,2.5
+16,3,2.5
+17,3,2.5
+18,3,2.5
+*NODE PRINT, NSET=CORNER
+U,RF
+*EL PRINT, ELSET=ALL
+S
+*END STEP
+END
+good 'an input file of other solvers' tension.inp
+lines displacement.txt 8 'near($4, $1 < 15 ? 0 : 0.01) && $2 <= 0 && $3 <= 0'
+lines reaction.txt 7 '$1 > 14 || near($4, -2.5)'
+lines stress.txt 8 '$1 == 9 && $2 == NR - 1 && near($3, 0) && near($5, 10)'
+lines probe_17.txt 3 'near($4, 0.01 * $1) && near($2, -0.003 * $1)'
+sed 's/^17,3,2.5/17,8,2.5/; s/^\*ELASTIC/*PLASTIC/' tension.inp >mistaken.inp
+run mistaken.inp
+[ "$run_status" = 2 ] && [ ! -s ../stdout ] && [ -z "$(ls out)" ] && [ "$(wc -l <../stderr)" -eq 2 ] &&
+    grep -q '^case/mistaken.inp:15: .PLASTIC is not understood' ../stderr &&
+    grep -q '^case/mistaken.inp:35: axis 8 of a force' ../stderr
+result 'lists the mistakes of an input file' $?
+
 # The other loads: a pressure that pulls, and springs as stiff as the cube to points 0.02 above its top.
 say 'mesh cube.vtk' "$material" "$symmetry" 'pressure faces=top value=-10' "$static" 'output displacement u' >pull.case
 good 'pressure' pull.case
