@@ -2213,14 +2213,20 @@ static inline int inp_read(case_file *c, const char *path)
            case_load_rest(c);
 }
 
-/* Reads a model of any kind that there is a reader for, by the ending of its name. */
-static inline int case_open(case_file *c, const char *path)
+/* Whether a name ends in .inp, in small or capital letters. */
+static inline int case_is_inp(const char *path)
 {
     size_t length = strlen(path);
     int is_inp = length > 4 && path[length - 4] == '.';
-    for (int i = 0; i < 3 && is_inp; i++)
-        is_inp = inp_upper(path[length - 3 + (size_t)i]) == "INP"[i];
-    return is_inp ? inp_read(c, path) : case_read(c, path);
+    for (size_t i = 0; i < 3 && is_inp; i++)
+        is_inp = inp_upper(path[length - 3 + i]) == "INP"[i];
+    return is_inp;
+}
+
+/* Reads a model of any kind that there is a reader for, by the ending of its name. */
+static inline int case_open(case_file *c, const char *path)
+{
+    return case_is_inp(path) ? inp_read(c, path) : case_read(c, path);
 }
 
 #endif /* CASE_INP_H */

@@ -10,6 +10,7 @@
 #include "softbody.h"
 
 #include "case_inp.h"
+#include "case_write.h"
 #include "cut_file.h"
 
 static const char help[] =
@@ -392,30 +393,11 @@ static int can_write(const char *path, const char *other, const char **why)
     return !same;
 }
 
-/* 1 when writing to the path would destroy an input of the case: itself, its mesh, a list. */
-static int is_input(const run *r, const char *path)
-{
-    static const case_key lists[] = {CASE_NODES, CASE_FACES, CASE_FILE};
-    const case_file *c = &r->file;
-    int found = is_same_file(path, r->case_path);
-    for (int i = 0; i < c->statement_count; i++) {
-        const case_statement *s = c->statements + i;
-        for (int k = 0; k < 4; k++) {
-            const char *name = k == 3 ? (s->form->kind == CASE_MESH ? s->path : NULL)
-                                      : (s->given & CASE_BIT(lists[k]) ? s->text[lists[k]] : NULL);
-            char *input = name ? case_input_path(c, name) : NULL;
-            found |= input && is_same_file(path, input);
-            free(input);
-        }
-    }
-    return found;
-}
-
 /* 1 when the path can be written without harm: no input, no output of a statement before `end`. */
 static int check_output(run *r, int line, const char *path, const case_statement *end)
 {
     const char *why;
-    if (is_input(r, path))
+    if (case_reads(&r->file, path, is_same_file))
         return case_fail(&r->file, line, "%.500s is read by this case: it would be overwritten", path);
     if (!can_write(path, NULL, &why))
         return case_fail(&r->file, line, "%.500s %s", path, why);

@@ -4,6 +4,9 @@
 #include "check.h"
 #include "same_body.h"
 
+#include "../examples/case_inp_write.h"
+#include "../examples/case_write.h"
+
 #include <time.h>
 
 /* ---- models in memory -------------------------------------------------------------------------------------- */
@@ -312,59 +315,68 @@ static void test_numbers(void)
         CHECK(!foreign_scan_number(bad[i], 0, &value));
 }
 
+static const char *const reference_names[] = {"cylinder_bend_coarse_tet10",
+                                              "cylinder_bend_fine_tet10",
+                                              "cylinder_stretch3_hex20",
+                                              "cylinder_stretch3_tet10",
+                                              "dyn_gravity_hex20",
+                                              "dyn_gravity_tet10",
+                                              "dyn_gravity_tet4",
+                                              "lin_cantilever_hex20",
+                                              "lin_cantilever_hex8",
+                                              "lin_cantilever_tet10",
+                                              "lin_cantilever_tet4",
+                                              "modal_cantilever_hex20",
+                                              "modal_cantilever_hex8",
+                                              "modal_cantilever_tet10",
+                                              "modal_cantilever_tet4",
+                                              "modal_free_hex20",
+                                              "modal_free_hex8",
+                                              "modal_free_tet10",
+                                              "modal_free_tet4",
+                                              "mr_shear_hex20",
+                                              "mr_shear_tet10",
+                                              "mr_stretch60_hex20",
+                                              "mr_stretch60_tet10",
+                                              "mr_uniaxial_hex8",
+                                              "nh_cantilever_hex20",
+                                              "nh_cantilever_hex8",
+                                              "nh_cantilever_tet10",
+                                              "nh_cantilever_tet4",
+                                              "nh_uniaxial_tet10",
+                                              "phantom_probe_tet10",
+                                              "phantom_probe_tet4",
+                                              "rp2_compress30_hex20",
+                                              "rp2_compress30_tet10",
+                                              "rp2_liver_gravity_tet10",
+                                              "rp2_stretch50_hex20",
+                                              "svk_cantilever_hex20",
+                                              "svk_cantilever_tet10",
+                                              "svk_cantilever_tet4",
+                                              "twist90_hex20",
+                                              "twist90_tet10"};
+enum { REFERENCE_COUNT = (int)(sizeof reference_names / sizeof reference_names[0]) };
+
+/* The path of a file of a reference case; 0 when it is not there. */
+static int reference_path(char *path, size_t size, int i, const char *file)
+{
+    char relative[128];
+    snprintf(relative, sizeof relative, "reference/%s/%s", reference_names[i], file);
+    return check_shared_path(path, size, relative);
+}
+
 /* The reference cases were solved by CalculiX from their case.inp; their case.case says the same. Nodal forces are
  * compared for the smaller ones, of all with CHECK_SLOW=1. */
 static void test_reference(void)
 {
-    static const char *const names[] = {"cylinder_bend_coarse_tet10",
-                                        "cylinder_bend_fine_tet10",
-                                        "cylinder_stretch3_hex20",
-                                        "cylinder_stretch3_tet10",
-                                        "dyn_gravity_hex20",
-                                        "dyn_gravity_tet10",
-                                        "dyn_gravity_tet4",
-                                        "lin_cantilever_hex20",
-                                        "lin_cantilever_hex8",
-                                        "lin_cantilever_tet10",
-                                        "lin_cantilever_tet4",
-                                        "modal_cantilever_hex20",
-                                        "modal_cantilever_hex8",
-                                        "modal_cantilever_tet10",
-                                        "modal_cantilever_tet4",
-                                        "modal_free_hex20",
-                                        "modal_free_hex8",
-                                        "modal_free_tet10",
-                                        "modal_free_tet4",
-                                        "mr_shear_hex20",
-                                        "mr_shear_tet10",
-                                        "mr_stretch60_hex20",
-                                        "mr_stretch60_tet10",
-                                        "mr_uniaxial_hex8",
-                                        "nh_cantilever_hex20",
-                                        "nh_cantilever_hex8",
-                                        "nh_cantilever_tet10",
-                                        "nh_cantilever_tet4",
-                                        "nh_uniaxial_tet10",
-                                        "phantom_probe_tet10",
-                                        "phantom_probe_tet4",
-                                        "rp2_compress30_hex20",
-                                        "rp2_compress30_tet10",
-                                        "rp2_liver_gravity_tet10",
-                                        "rp2_stretch50_hex20",
-                                        "svk_cantilever_hex20",
-                                        "svk_cantilever_tet10",
-                                        "svk_cantilever_tet4",
-                                        "twist90_hex20",
-                                        "twist90_tet10"};
     /* what the printed digits of the two files leave: 10 of coordinates (and areas) in mesh.vtk, 12 in case.inp */
     const double rounding = SB_REAL_IS_FLOAT ? 1e-6 : 0;
     const double digits[] = {2e-10 + rounding, 2e-12 + rounding, 5e-12 + rounding, 2e-9 + rounding};
     double worst = 0;
-    for (int i = 0; i < (int)(sizeof names / sizeof names[0]); i++) {
-        char relative[128], path[512];
+    for (int i = 0; i < REFERENCE_COUNT; i++) {
+        char path[512];
         case_file a, b;
-        snprintf(relative, sizeof relative, "reference/%s/case.inp", names[i]);
-        if (!check_shared_path(path, sizeof path, relative)) {
+        if (!reference_path(path, sizeof path, i, "case.inp")) {
             CHECK_SKIP("no ../shared/reference");
             return;
         }
@@ -380,14 +392,145 @@ static void test_reference(void)
             if (!CHECK(d.nodes <= digits[0] && d.materials <= digits[1] && d.supports <= digits[2] &&
                        d.loads <= digits[3]) ||
                 !CHECK(d.same_elements && d.same_axes && d.same_solve))
-                printf("%s: nodes %.1e, materials %.1e, supports %.1e, loads %.1e, %d %d %d\n", names[i], d.nodes,
-                       d.materials, d.supports, d.loads, d.same_elements, d.same_axes, d.same_solve);
+                printf("%s: nodes %.1e, materials %.1e, supports %.1e, loads %.1e, %d %d %d\n", reference_names[i],
+                       d.nodes, d.materials, d.supports, d.loads, d.same_elements, d.same_axes, d.same_solve);
             worst = fmax(worst, most);
         }
         case_free(&a);
         case_free(&b);
     }
     printf("  reference cases: %.1e apart\n", worst);
+}
+
+/* Reads a case, writes it as an input file, reads and writes that as a case again, and reads it: the bodies of all
+ * three are the same, to the last bit. */
+static void check_round(const char *path, int loads)
+{
+    static const char inp[] = "build/test_inp_round.inp", again[] = "build/test_inp_round.case";
+    case_file a, b, c;
+    int ok = case_read(&a, path) && inp_write(&a, inp, 0);
+    if (!CHECK(ok))
+        printf("%s:%d: %s\n", path, a.error_line, a.message);
+    ok = inp_read(&b, inp) && case_write(&b, again, NULL);
+    if (!CHECK(ok))
+        printf("%s: %s%s\n", path, b.faults.text ? b.faults.text : "", b.message);
+    ok = case_read(&c, again) && ok;
+    if (!CHECK(ok)) {
+        printf("%s: %d: %s\n", path, c.error_line, c.message);
+    } else {
+        body_difference d = bodies_differ(&a, &b, loads), e = bodies_differ(&a, &c, loads);
+        double most = fmax(fmax(d.nodes, d.materials), fmax(d.supports, d.loads));
+        most = fmax(most, fmax(fmax(e.nodes, e.materials), fmax(e.supports, e.loads)));
+        CHECK(d.same_elements && d.same_axes && d.same_solve && e.same_elements && e.same_axes && e.same_solve);
+        CHECK_INT(b.notes.count, 0);
+        CHECK(a.material.density == c.material.density);
+        CHECK(a.solve->number[CASE_STEPS] == c.solve->number[CASE_STEPS]);
+        CHECK(a.solve->number[CASE_TOL] == c.solve->number[CASE_TOL]);
+        if (!CHECK(most == 0))
+            printf("%s: nodes %.1e, materials %.1e, supports %.1e, loads %.1e\n", path, e.nodes, e.materials,
+                   e.supports, e.loads);
+    }
+    case_free(&a);
+    case_free(&b);
+    case_free(&c);
+}
+
+static void test_round(void)
+{
+    for (int i = 0; i < REFERENCE_COUNT; i++) {
+        char path[512];
+        if (!reference_path(path, sizeof path, i, "case.case")) {
+            CHECK_SKIP("no ../shared/reference");
+            return;
+        }
+        if (strstr(path, "fine") && !getenv("CHECK_SLOW"))
+            continue;
+        check_round(path, strstr(path, "uniaxial") || strstr(path, "lin_") || getenv("CHECK_SLOW"));
+    }
+}
+
+/* Writes a case of a random beam in random words: two regions or one, all laws, all loads; and its lists. */
+static void write_random_case(const char *path, unsigned long long *state)
+{
+    static const sb_element_type types[] = {SB_TET4, SB_TET10, SB_HEX8, SB_HEX20};
+    static const char *const laws[] = {"svk E=%.17g nu=.3", "neo_hookean C10=%.17g D1=1e-5",
+                                       "mooney_rivlin C10=%.17g C01=-1.5 D1=3.3333333333333333e-4",
+                                       "reduced_polynomial C10=%.17g C20=7 C30=.1 D1=.002"};
+    double size = pow(10, 3 * (int)check_random_in(state, -1, 2));
+    int two = check_random(state) < 0.5, dynamic = check_random(state) < 0.5;
+    sb_mesh mesh;
+    sb_error error;
+    FILE *file = fopen(path, "w"), *list;
+    memset(&mesh, 0, sizeof mesh);
+    CHECK_OK(sb_mesh_beam(types[(int)check_random_in(state, 0, 4)], 2, 2, 3,
+                          sb_v3((sb_real)(size * check_random_in(state, 1, 2)), (sb_real)size, (sb_real)size), NULL,
+                          &mesh, &error));
+    mesh.regions = (int *)calloc((size_t)mesh.element_count, sizeof(int));
+    for (int e = 0; e < mesh.element_count && mesh.regions; e++)
+        mesh.regions[e] = two && e % 3 == 0 ? 42 : 7;
+    CHECK_OK(sb_mesh_save_vtk("build/test_inp_random.vtk", &mesh, NULL, 0, &error));
+    free(mesh.regions);
+    mesh.regions = NULL;
+    if (!CHECK(file != NULL)) {
+        sb_mesh_free(&mesh);
+        return;
+    }
+    fprintf(file, "mesh test_inp_random.vtk\n");
+    for (int k = 0; k <= two; k++) {
+        fprintf(file, "material ");
+        fprintf(file, laws[(int)check_random_in(state, 0, 4)], check_random_in(state, 100, 1e5));
+        fprintf(file, " density=%.17g region=%d\n", check_random_in(state, 900, 1100), k ? 42 : 7);
+    }
+    fprintf(file, "gravity %.17g 0 %.17g\n", check_random_in(state, -9, 9), check_random_in(state, -9, 9));
+    list = fopen("build/test_inp_fix", "w");
+    for (int i = 0; i < mesh.node_count && list; i++)
+        if (mesh.nodes[i].x == 0)
+            fprintf(list, "%d\n", i);
+    CHECK(list && fclose(list) == 0);
+    fprintf(file, "fix %s nodes=test_inp_fix\n", check_random(state) < 0.5 ? "xyz" : "zx");
+    list = fopen("build/test_inp_move", "w");
+    for (int i = 0; i < mesh.node_count && list; i++)
+        if (mesh.nodes[i].x > (sb_real)(0.999 * size) && i % 2)
+            fprintf(list, "%d %.17g 0 %.17g\n", i, size * check_random_in(state, -.01, .01),
+                    size * check_random_in(state, -.01, .01));
+    CHECK(list && fclose(list) == 0);
+    fprintf(file, "prescribe xyz file=test_inp_move%s\n", dynamic ? " ramp=.3" : "");
+    list = fopen("build/test_inp_push", "w");
+    for (int i = 0; i < mesh.node_count && list; i++)
+        if (i % 3 == 0)
+            fprintf(list, "%d %.17g %.17g 0\n", i, check_random_in(state, -1e-3, 1e-3), check_random_in(state, -1, 1));
+    CHECK(list && fclose(list) == 0);
+    fprintf(file, "force file=test_inp_push\n");
+    list = fopen("build/test_inp_face", "w"); /* sides of the elements, whatever they are */
+    for (int e = 0; e < mesh.element_count && list; e++)
+        for (int k = 0; k < sb_element_face_count(mesh.element_type); k++) {
+            int local[SB_MAX_FACE_NODES], out = 1, corners = sb_element_corner_count(mesh.element_type) == 8 ? 4 : 3;
+            const int *cell = mesh.elements + (size_t)e * (size_t)sb_mesh_element_width(&mesh);
+            sb_element_face(mesh.element_type, k, local, NULL);
+            for (int a = 0; a < corners; a++)
+                out &= mesh.nodes[cell[local[a]]].z == 0;
+            for (int a = 0; a < corners && out; a++)
+                fprintf(list, "%d ", cell[local[a]]);
+            fprintf(list, "\n");
+        }
+    CHECK(list && fclose(list) == 0);
+    fprintf(file, "pressure faces=test_inp_face value=%.17g\n", check_random_in(state, -3, 3));
+    if (dynamic)
+        fprintf(file, "solve newmark dt=%.17g end=1 tol=1e-7\noutput probe 5 p\n", check_random_in(state, .01, .1));
+    else
+        fprintf(file, "solve static steps=%d tol=1e-8\noutput displacement u\noutput reaction r\n",
+                (int)check_random_in(state, 1, 20));
+    CHECK(fclose(file) == 0);
+    sb_mesh_free(&mesh);
+}
+
+static void test_random_round(void)
+{
+    unsigned long long state = 2026;
+    for (int i = 0; i < check_rounds(25); i++) {
+        write_random_case("build/test_inp_random.case", &state);
+        check_round("build/test_inp_random.case", 1);
+    }
 }
 
 /* Allocations, sets and continuation at the size of an organ: 100,000 elements. */
@@ -433,4 +576,5 @@ static void test_size(void)
 CHECK_SUITE(inp, {"a column in all forms of lines", test_column}, {"ten mistakes", test_mistakes},
             {"mistakes, one at a time", test_refused}, {"loads and supports over steps", test_steps},
             {"equations, CRLF", test_equation}, {"faces by number and surface", test_faces}, {"numbers", test_numbers},
-            {"reference cases", test_reference}, {"100,000 elements", test_size});
+            {"reference cases", test_reference}, {"reference cases there and back", test_round},
+            {"random cases there and back", test_random_round}, {"100,000 elements", test_size});
