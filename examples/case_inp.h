@@ -1653,7 +1653,7 @@ static inline void inp_apply_entries(inp_reader *r)
 /* ---- building: statements ---------------------------------------------------------------------------------- */
 
 /* A new statement of the form that has these options; its list is empty. NULL when memory is short. */
-static inline case_statement *inp_statement(inp_reader *r, case_kind kind, const char *variant, unsigned given,
+static inline case_statement *inp_statement(inp_reader *r, case_kind kind, const char *variant, case_bits given,
                                             inp_place place)
 {
     case_file *c = r->c;
@@ -1700,7 +1700,7 @@ static inline int inp_support_axes(const inp_reader *r, int node, int moved, dou
 /* Statements of the supports of one kind, one for each combination of axes. */
 static inline void inp_add_supports(inp_reader *r, int moved, double rise)
 {
-    unsigned given = moved ? CASE_BIT(CASE_FILE) | (rise > 0 ? CASE_BIT(CASE_RAMP) : 0) : CASE_BIT(CASE_NODES);
+    case_bits given = moved ? CASE_BIT(CASE_FILE) | (rise > 0 ? CASE_BIT(CASE_RAMP) : 0) : CASE_BIT(CASE_NODES);
     for (int axes = 1; axes < 8 && !r->no_memory; axes++) {
         case_statement *s = NULL;
         for (int i = 0; i < r->nodes.count && !r->no_memory; i++) {
@@ -1918,11 +1918,11 @@ static inline void inp_set_law(case_statement *s, const inp_material *m)
 
 static inline void inp_add_material(inp_reader *r, const inp_material *m, int has_region, int region)
 {
-    unsigned given = CASE_BIT(CASE_DENSITY) | (has_region ? CASE_BIT(CASE_REGION) : 0);
+    case_bits given = CASE_BIT(CASE_DENSITY) | (has_region ? CASE_BIT(CASE_REGION) : 0);
     const char *model = m->law ? m->law->model : r->nonlinear ? "svk" : "linear";
     const char *expected = "";
     case_statement *s;
-    unsigned law = m->law ? CASE_BIT(CASE_D1) | CASE_BIT(CASE_C10) | CASE_BIT(m->law->keys[1]) : CASE_HOOKE;
+    case_bits law = m->law ? CASE_BIT(CASE_D1) | CASE_BIT(CASE_C10) | CASE_BIT(m->law->keys[1]) : CASE_HOOKE;
     if (!m->law_place.path) {
         inp_complain(r, m->place, "material %.80s has no *ELASTIC or *HYPERELASTIC", m->name);
         return;
@@ -2035,7 +2035,7 @@ static inline void inp_add_dynamic(inp_reader *r)
 {
     double alpha = -1;
     case_statement *s;
-    unsigned given = CASE_TIMES | (r->tolerance > 0 ? CASE_BIT(CASE_TOL) : 0);
+    case_bits given = CASE_TIMES | (r->tolerance > 0 ? CASE_BIT(CASE_TOL) : 0);
     if (!r->alpha || !foreign_scan_number(r->alpha, 0, &alpha) || alpha != 0) {
         inp_complain(r, r->procedure_place,
                      "*DYNAMIC is read with ALPHA=0 (Newmark's scheme): other solvers' default of -0.05 damps");

@@ -48,7 +48,7 @@ static inline const foreign_law *inp_law_of(const case_statement *s)
 {
     for (int i = 0; i < FOREIGN_LAW_COUNT; i++) {
         const foreign_law *law = foreign_laws + i;
-        unsigned keys = CASE_BIT(CASE_D1) | CASE_BIT(CASE_DENSITY);
+        case_bits keys = CASE_BIT(CASE_D1) | CASE_BIT(CASE_DENSITY);
         for (int k = 0; k < law->constants; k++)
             keys |= CASE_BIT(law->keys[k]);
         if (strcmp(law->model, s->form->variant) == 0 && (s->given & ~CASE_IN_REGION) == keys)

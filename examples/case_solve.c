@@ -24,6 +24,12 @@ static const char help[] =
     "\n"
     "  mesh      FILE                        VTK (.vtk, .vtu), gmsh, Medit or TetGen: tet4, tet10, hex8,\n"
     "                                        hex20 or hex27; wedges, pyramids and mixed cells become tets\n"
+    "  surface   FILE [scale=S]              instead of mesh, with\n"
+    "  stuff     cells=N                     tets in the closed surface, N along its longest side\n"
+    "  select    nodes|elements|faces NAME box=X0,Y0,Z0,X1,Y1,Z1\n"
+    "  select    nodes|faces NAME plane=PX,PY,PZ,NX,NY,NZ [distance=D]\n"
+    "  select    nodes|elements|faces NAME near=FILE distance=D     a surface; elements by their middle\n"
+    "                                        then nodes=@NAME, faces=@NAME (outer ones), material ... elements=@NAME\n"
     "  element   tet10sr                     one rotation per element (corotated)\n"
     "            tet10bbar|hex8bbar|hex20bbar|hex27bbar\n"
     "                                        for nearly incompressible material; default: as in the file\n"
@@ -58,7 +64,8 @@ static const char help[] =
     "  output    displacement|reaction|stress FILE\n"
     "  output    frequencies FILE            lines: MODE F_HZ, ascending, rigid modes included\n"
     "  output    probe NODE FILE             one line per step: time (static: share of the load) and "
-    "displacement\n";
+    "displacement\n"
+    "  expect    probe NODE value=UX,UY,UZ tol=T        its displacement at the end (m), else exit status 4\n";
 
 static const char help_notes[] =
     "\n"
@@ -86,10 +93,11 @@ static const char help_notes[] =
     "\n"
     "Prints `converged steps=N newton=N pcg=N seconds=S` and exits with 0. A wrong case: 2, and nothing is "
     "written.\n"
-    "A solve that fails: 3, and the outputs hold the last converged state. Also 2: an output or stdout that cannot be\n"
+    "A solve that fails: 3, and the outputs hold the last converged state. An expectation that fails: 4. Also 2: an "
+    "output or stdout that cannot be\n"
     "written.\n";
 
-enum { EXIT_CONVERGED = 0, EXIT_WRONG_CASE = 2, EXIT_NOT_SOLVED = 3 };
+enum { EXIT_CONVERGED = 0, EXIT_WRONG_CASE = 2, EXIT_NOT_SOLVED = 3, EXIT_NOT_EXPECTED = 4 };
 
 /* In the order of sb_mass_kind. */
 static const char *const mass_names[] = {"lumped", "consistent", "reduced"};
@@ -555,6 +563,27 @@ static void print_crumbs(const run *r)
         }
 }
 
+/* Whether the nodes are where the case expects them; says which are not. */
+static int is_expected(const run *r)
+{
+    int ok = 1;
+    for (int i = 0; i < r->file.statement_count; i++) {
+        const case_statement *s = r->file.statements + i;
+        sb_vec3 u;
+        double off;
+        if (s->form->kind != CASE_EXPECT)
+            continue;
+        u = r->displacement[s->node];
+        off = (double)sb_v3_norm(sb_v3_sub(u, s->vector));
+        if (off <= s->number[CASE_WITHIN])
+            continue;
+        fprintf(stderr, "%s:%d: node %d is displaced by %.9g,%.9g,%.9g m, %.3g m from what is expected\n", r->case_path,
+                s->line, s->node, (double)u.x, (double)u.y, (double)u.z, off);
+        ok = 0;
+    }
+    return ok;
+}
+
 static int solve_and_write(run *r)
 {
     clock_t begin = clock();
@@ -581,7 +610,7 @@ static int solve_and_write(run *r)
         return EXIT_NOT_SOLVED;
     }
     printf("converged steps=%d newton=%d pcg=%d seconds=%.3f\n", r->steps, r->newton, r->pcg, seconds);
-    return EXIT_CONVERGED;
+    return is_expected(r) ? EXIT_CONVERGED : EXIT_NOT_EXPECTED;
 }
 
 static void release(run *r)

@@ -8,12 +8,12 @@
 /* 1 when `path` is a file that the case was read from. `same` tells whether two names are one file. */
 static inline int case_reads(const case_file *c, const char *path, int (*same)(const char *, const char *))
 {
-    static const case_key lists[] = {CASE_NODES, CASE_FACES, CASE_FILE};
+    static const case_key lists[] = {CASE_NODES, CASE_FACES, CASE_FILE, CASE_NEAR};
     int found = same(path, c->path);
     for (int i = 0; i < c->statement_count; i++) {
         const case_statement *s = c->statements + i;
-        for (int k = 0; k < 4; k++) {
-            const char *name = k == 3 ? (s->form->kind == CASE_MESH ? s->path : NULL)
+        for (int k = 0; k < 5; k++) {
+            const char *name = k == 4 ? (s->form->kind == CASE_MESH || s->form->kind == CASE_SURFACE ? s->path : NULL)
                                       : (s->given & CASE_BIT(lists[k]) ? s->text[lists[k]] : NULL);
             char *input = name ? case_input_path(c, name) : NULL;
             found |= input && same(path, input);
@@ -162,7 +162,7 @@ static inline void case_write_options(case_writer *w, const case_statement *s)
     case_key list = case_list_key(s);
     for (int k = 0; k < CASE_KEY_COUNT; k++) {
         case_type type = case_keys[k].type;
-        if (!(s->given & CASE_BIT(k)) || k == CASE_NODES || k == CASE_FACES || k == CASE_FILE)
+        if (!(s->given & CASE_BIT(k)) || type == CASE_TYPE_PATH)
             continue;
         if (type != CASE_TYPE_VECTOR)
             fprintf(w->file, type == CASE_TYPE_STEP && s->number[k] == 0 ? " %s=auto" : " %s=%.17g", case_keys[k].name,
@@ -190,8 +190,10 @@ static inline int case_write_mesh(case_writer *w, const case_statement *s)
 
 static inline int case_write_statement(case_writer *w, const case_statement *s)
 {
-    if (s->form->kind == CASE_MESH)
+    if (s == w->c->mesh_statement)
         return case_write_mesh(w, s);
+    if (s->form->kind == CASE_SURFACE || s->form->kind == CASE_SELECT) /* what they gave is written */
+        return 1;
     if (s->form->kind == CASE_CUT && (s->given & CASE_BIT(CASE_FILE)))
         return case_fail(w->c, s->line, "the file of a cut is not written anew: cut plane is");
     fprintf(w->file, "%s%s%s", s->form->keyword, s->form->variant ? " " : "", s->form->variant ? s->form->variant : "");
