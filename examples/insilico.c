@@ -14,6 +14,9 @@
  * ten inside (target registration errors); the distance is the mean one of the target's points from the registered
  * surface: where it is small and errors are not, the motion is one that the shape does not show. icp is the rigid start
  * of all others. The box plot has median, quartiles, and the 5th and 95th percentile of the errors of all nodes.
+ *
+ * --study FILE does every pattern for --seeds seeds of chance, a row of the file for each, and --shard I/N a share of
+ * them, to be run on many machines: see examples/study. What is in the file already is not done again.
  * Exit status: 0, 2 wrong usage or a file that cannot be read or written, 3 no memory, or a method that failed. */
 #include "system.h"
 
@@ -24,9 +27,12 @@
 #define REG_IMPLEMENTATION
 #include "register.h"
 
+#include <stdarg.h>
+
 #include "options.h"
 #include "plot.h"
 #include "registration.h"
+#include "shard.h"
 
 enum { EXIT_USAGE = 2, EXIT_FAILED = 3, PATTERNS = 4, MARKERS = 10 };
 #define REAL(x) ((sb_real)(x)) /* everything here is in double, the bodies in sb_real */
@@ -34,8 +40,8 @@ enum { EXIT_USAGE = 2, EXIT_FAILED = 3, PATTERNS = 4, MARKERS = 10 };
 static const char *const pattern_names[PATTERNS] = {"respiration", "instrument", "pneumoperitoneum", "gravity"};
 
 typedef struct settings {
-    const char *patterns, *methods, *out;
-    int partial, linear, plain, fix, coarse, fine, seed, help;
+    const char *patterns, *methods, *out, *study, *shard;
+    int partial, linear, plain, fix, coarse, fine, seed, seeds, help;
     double scale, amplitude, noise, outliers, angle, shift, seconds;
 } settings;
 
@@ -51,6 +57,8 @@ typedef struct score {
 /* What lasts from the files to the picture. Zeros: nothing yet. */
 typedef struct work {
     const settings *set;
+    const char *path; /* of the organ, or NULL */
+    int seed;         /* of the present target */
     int pattern_on[PATTERNS], method_on[METHOD_COUNT];
     sb_mesh organ, model;    /* fine and coarse */
     sb_mesh skin;            /* of the organ, at rest */
@@ -569,6 +577,7 @@ static sb_result score_outcome(const work *w, const outcome *out, const task *gi
     sb_vec3 *moved = (sb_vec3 *)malloc(n * sizeof *moved);
     double median;
     sb_result result;
+    free(s->volume);
     memset(s, 0, sizeof *s);
     s->volume = (double *)malloc(n * sizeof *s->volume);
     result = moved && s->volume ? outcome_carry(out, w->organ.nodes, w->organ.node_count, moved, error)
@@ -647,7 +656,7 @@ static int run_method(work *w, int pattern, method how)
 static int run_pattern(work *w, int pattern)
 {
     int status = deform(w, pattern), failed = 0;
-    w->random = 0x9e3779b97f4a7c15ULL * (unsigned long long)(w->set->seed + 1) + (unsigned long long)pattern;
+    w->random = 0x9e3779b97f4a7c15ULL * (unsigned long long)(w->seed + 1) + (unsigned long long)pattern;
     if (!status)
         status = observe(w);
     if (!status)
@@ -730,6 +739,100 @@ static int write_picture(const work *w)
     return 0;
 }
 
+/* ---- a study --------------------------------------------------------------------------------------------------- */
+
+enum { STUDY_TEXT = 4096 };
+
+/* Appends to text[STUDY_TEXT]. */
+static void append(char *text, const char *format, ...)
+{
+    size_t used = strlen(text);
+    va_list arguments;
+    va_start(arguments, format);
+    vsnprintf(text + used, STUDY_TEXT - used, format, arguments);
+    va_end(arguments);
+}
+
+static int patterns_on(const work *w)
+{
+    int count = 0;
+    for (int p = 0; p < PATTERNS; p++)
+        count += w->pattern_on[p];
+    return count;
+}
+
+/* All that rows depend on, so that no others are mixed with them, and the names of the columns. */
+static void write_heading(const work *w, int cases, char *text)
+{
+    const settings *set = w->set;
+    text[0] = 0;
+    append(text,
+           "# insilico %s cases=%d seed=%d patterns=%s methods=%s coarse=%d fine=%d scale=%g amplitude=%g noise=%g "
+           "outliers=%g angle=%g shift=%g%s%s%s%s\n",
+           w->path ? w->path : "(made up)", cases, set->seed, set->patterns, set->methods, set->coarse, set->fine,
+           set->scale, set->amplitude, set->noise, set->outliers, set->angle, set->shift,
+           set->partial ? " partial" : "", set->linear ? " linear" : "", set->plain ? " plain" : "",
+           set->fix ? " fix" : "");
+    append(text, "case,seed,pattern,moved_mean_mm,moved_most_mm");
+    for (int m = 0; m < METHOD_COUNT; m++)
+        if (w->method_on[m])
+            append(text, ",%s_mean_mm,%s_median_mm,%s_most_mm,%s_markers_mm,%s_distance_mm,%s_stop", method_names[m],
+                   method_names[m], method_names[m], method_names[m], method_names[m], method_names[m]);
+    append(text, "\n");
+}
+
+static void write_row(const work *w, int k, int pattern, char *text)
+{
+    text[0] = 0;
+    append(text, "%d,%d,%s,%.6g,%.6g", k, w->seed, pattern_names[pattern], w->mean_way, w->most_way);
+    for (int m = 0; m < METHOD_COUNT; m++) {
+        const score *s = &w->scores[pattern][m];
+        if (w->method_on[m] && s->ran)
+            append(text, ",%.6g,%.6g,%.6g,%.6g,%.6g,%s", s->mean, s->median, s->most, s->marker_mean, s->distance,
+                   s->stop);
+        else if (w->method_on[m])
+            append(text, ",,,,,,failed");
+    }
+    append(text, "\n");
+}
+
+/* The case of number k: all seeds of a pattern before the next pattern would make the first shards wait for the
+ * slowest; so patterns take turns. */
+static int run_case(work *w, shard *s, int k)
+{
+    char row[STUDY_TEXT];
+    int pattern = 0, status;
+    for (int skip = k % patterns_on(w); !w->pattern_on[pattern] || skip > 0; pattern++)
+        skip -= w->pattern_on[pattern];
+    w->seed = w->set->seed + k / patterns_on(w);
+    for (int m = 0; m < METHOD_COUNT; m++)
+        w->scores[pattern][m].ran = 0;
+    status = run_pattern(w, pattern);
+    if (status && status != EXIT_FAILED)
+        return status;
+    write_row(w, k, pattern, row);
+    return shard_write(s, row) ? status : EXIT_USAGE;
+}
+
+static int run_study(work *w, shard *s)
+{
+    char heading[STUDY_TEXT];
+    int cases = w->set->seeds * patterns_on(w), status = 0, failed = 0;
+    write_heading(w, cases, heading);
+    if (!shard_open(s, w->set->study, heading, cases))
+        return EXIT_USAGE;
+    printf("study: %d cases, shard %d of %d, %d to do\n", cases, s->index + 1, s->count, s->left);
+    if (s->left > 0)
+        status = make_organ(w, w->path);
+    for (int k = 0; k < cases && !status; k++)
+        if (shard_is_mine(s, k)) {
+            status = run_case(w, s, k);
+            failed |= status == EXIT_FAILED;
+            status = status == EXIT_FAILED ? 0 : status;
+        }
+    return status ? status : failed ? EXIT_FAILED : 0;
+}
+
 /* ---- the command line ------------------------------------------------------------------------------------------ */
 
 /* Turns on what a list with commas names. */
@@ -774,9 +877,9 @@ static void free_work(work *w)
     free(w->truth);
 }
 
-static int run(work *w, const char *path)
+static int run(work *w)
 {
-    int status = make_organ(w, path), failed = 0;
+    int status = make_organ(w, w->path), failed = 0;
     if (status)
         return status;
     printf("organ: %d nodes, %d elements, %.3f l; model: %d nodes, %d elements\n", w->organ.node_count,
@@ -795,7 +898,9 @@ static int run(work *w, const char *path)
 
 static int program(int argc, char **argv)
 {
-    settings set = {"all", "pbsm,nicp,icp,cpd", "insilico.svg", 0, 0, 0, 0, 12, 32, 1, 0, 1, 0.08, 0, 0, 10, 20, 30};
+    settings set = {
+        "all", "pbsm,nicp,icp,cpd", "insilico.svg", NULL, "1/1", 0, 0, 0, 0, 12, 32, 1, 10, 0, 1, 0.08, 0, 0, 10, 20,
+        30};
     const char *file = NULL;
     const option options[] = {
         {"--patterns", "LIST", OPTION_TEXT, NULL, NULL, &set.patterns, 0, 0,
@@ -818,12 +923,17 @@ static int program(int argc, char **argv)
         {"--fine", "N", OPTION_INTEGER, &set.fine, NULL, NULL, 3, 400, "cells of the organ"},
         {"--scale", "S", OPTION_NUMBER, NULL, &set.scale, NULL, 1e-9, 1e9, "unit of the file in m: 0.001 for mm"},
         {"--seed", "N", OPTION_INTEGER, &set.seed, NULL, NULL, 0, 1e9, "of chance"},
+        {"--study", "FILE", OPTION_TEXT, NULL, NULL, &set.study, 0, 0,
+         "a row (CSV) for each pattern and seed; no plot"},
+        {"--seeds", "N", OPTION_INTEGER, &set.seeds, NULL, NULL, 1, 1e6, "of a study, from --seed on"},
+        {"--shard", "I/N", OPTION_TEXT, NULL, NULL, &set.shard, 0, 0, "the I-th of N shares of a study"},
         {"--seconds", "T", OPTION_NUMBER, NULL, &set.seconds, NULL, 1e-6, 1e9, "most time of each method"},
         {"-o", "FILE", OPTION_TEXT, NULL, NULL, &set.out, 0, 0, "the box plot (SVG)"},
         {"--help", NULL, OPTION_FLAG, &set.help, NULL, NULL, 0, 0, "this text"},
     };
     const int count = (int)(sizeof options / sizeof options[0]);
     work w;
+    shard s;
     int status;
     memset(&w, 0, sizeof w);
     w.set = &set;
@@ -837,9 +947,16 @@ static int program(int argc, char **argv)
     if (choose("--patterns", set.patterns, pattern_names, PATTERNS, w.pattern_on) ||
         choose("--methods", set.methods, method_names, METHOD_COUNT, w.method_on))
         return EXIT_USAGE;
-    if (file && is_same_file(set.out, file))
-        return complain(set.out, "is the input file");
-    status = run(&w, file);
+    if (file && is_same_file(set.study ? set.study : set.out, file))
+        return complain(set.study ? set.study : set.out, "is the input file");
+    if (!shard_parse("insilico", set.shard, &s))
+        return EXIT_USAGE;
+    if (!set.study && s.count > 1)
+        return complain("--shard", "needs --study FILE, where the rows go");
+    w.path = file;
+    w.seed = set.seed;
+    status = set.study ? run_study(&w, &s) : run(&w);
+    shard_close(&s);
     free_work(&w);
     return status;
 }

@@ -1,12 +1,13 @@
 #!/bin/sh
-# Runs hello, custom_element, demo, viscoelastic, haptic_loop, liver_models, surface_to_sim, cylinder_study, the needle
-# programs, grasp, palpation, identify, drop, cut_scalpel, cautery, cut_resect, cut_force, cut_study, one_body, register_liver, insilico and case_convert
-# as a user would, with good and bad arguments and files:
+# Runs case_convert, hello, custom_element, demo, viscoelastic, haptic_loop, liver_models, surface_to_sim, cylinder_study, the needle
+# programs, grasp, palpation, identify, drop, igtl_server, igtl_client, cut_scalpel, cautery, cut_resect, cut_force, cut_study, one_body, register_liver and insilico as
+# a user would, with good and bad arguments and files:
 #
 #     tests/examples.sh PROGRAMS FOLDER       programs in PROGRAMS (build), files into FOLDER, which is emptied
 #
 # With CHECK_QUICK in the environment the longest runs whose like others have are left out. Data comes from $SHARED
 # (default ../shared); what needs it is skipped where it is missing. Ends with `N passed, N failed, N skipped`.
+here=$(cd "$(dirname "$0")" && pwd)
 programs=$(cd "$1" && pwd) folder=$2
 shared=${SHARED:-../shared}
 data=$(cd "$shared/data" 2>/dev/null && pwd)
@@ -67,6 +68,12 @@ is_frame() { # a VTK file with the three fields
     done
 }
 is_gone() { [ ! -e "$1" ]; }
+quietly() { "$@" >/dev/null 2>&1; }
+refuses() { # refuses WORDS COMMAND...: it fails, and says so
+    words=$1
+    shift
+    ! "$@" >refused.txt 2>&1 && grep -q "$words" refused.txt
+}
 count_frames() { ls "$1"/demo_*.vtk 2>/dev/null | wc -l | tr -d ' '; }
 
 # ---- case_convert ----
@@ -681,6 +688,69 @@ expect 2 'is none of: pbsm' insilico --methods magic
 expect 2 'no-such-file.vtk' insilico no-such-file.vtk
 expect 2 'no-such-folder' insilico --coarse 4 --fine 5 --patterns gravity --methods icp -o no-such-folder/x.svg
 
+# ---- studies in shards: any number of them, killed and run again, gives the bytes of one run ----
+study="--coarse 4 --fine 5 --patterns instrument,gravity --methods icp --seeds 2 --noise 1"
+tools=$here/../examples/study
+expect 0 '^study: 4 cases, shard 1 of 1, 4 to do' insilico $study --study whole.csv
+check "a row for each case" [ "$(wc -l <whole.csv | tr -d ' ')" = 6 ]
+for shard in 1 2 3; do expect 0 "shard $shard of 3, [12] to do" insilico $study --study part.$shard --shard $shard/3; done
+check "three shards are merged" sh "$tools/merge.sh" merged.csv part.1 part.2 part.3
+check "to the same bytes" cmp -s merged.csv whole.csv
+head -c $(($(wc -c <whole.csv) - 9)) whole.csv >torn.csv
+expect 0 'shard 1 of 1, 1 to do' insilico $study --study torn.csv
+check "a torn line is done again" cmp -s torn.csv whole.csv
+(exec "$programs/insilico" $study --study killed.csv >/dev/null 2>&1) &
+killed=$! tries=0
+while [ "$(wc -l <killed.csv 2>/dev/null || echo 0)" -lt 3 ] && [ $tries -lt 300 ]; do
+    sleep 0.1
+    tries=$((tries + 1))
+done
+kill -9 $killed 2>/dev/null
+wait $killed 2>/dev/null
+expect 0 'shard 1 of 1, [0-3] to do' insilico $study --study killed.csv
+check "a killed study goes on" cmp -s killed.csv whole.csv
+expect 0 'shard 1 of 1, 0 to do' insilico $study --study killed.csv
+expect 2 'is of another study' insilico $study --seed 7 --study whole.csv
+expect 2 'has a line that is not of this shard' insilico $study --study whole.csv --shard 2/3
+expect 2 'needs I/N with 1 <= I <= N' insilico $study --study x.csv --shard 4/3
+expect 2 'needs --study FILE' insilico --shard 1/3
+expect 2 'no-such-folder/x.csv: cannot be written' insilico $study --study no-such-folder/x.csv
+check "no shard may be missing" refuses "case 2 is missing" sh "$tools/merge.sh" none.csv part.1 part.2
+check "nor be there twice" refuses "is there twice" sh "$tools/merge.sh" none.csv part.1 part.2 part.2 part.3
+check "nothing is written then" is_gone none.csv
+if command -v parallel >/dev/null; then
+    check "by GNU parallel" quietly sh "$tools/parallel.sh" 3 dealt.csv "$programs/insilico" $study
+    check "to the same bytes" cmp -s dealt.csv whole.csv
+else
+    skip "no GNU parallel"
+fi
+SLURM_ARRAY_TASK_ID=2 SLURM_ARRAY_TASK_COUNT=3 sh "$tools/slurm.sh" task "$programs/insilico" $study >/dev/null 2>&1
+check "a task of Slurm is a shard" cmp -s task.2.csv part.2
+
+# ---- igtl_server, igtl_client: in two processes ----
+expect 0 '^usage: igtl_server' igtl_server --help
+expect 0 '^usage: igtl_client' igtl_client --help
+"$programs/igtl_server" --port 0 --cells 5 --seconds 300 >server.txt 2>&1 &
+server=$! tries=0 port=
+while [ -z "$port" ] && [ $tries -lt 100 ]; do
+    sleep 0.2
+    port=$(sed -n 's/^listening .*:\([0-9]*\),.*/\1/p' server.txt)
+    tries=$((tries + 1))
+done
+expect 0 '^pressed  *60 mm down: up to [0-9.]* N' igtl_client --port "${port:-1}" --frames 30
+check "the organ gave way, and was pulled" awk '/^pressed/ { force = $7 } /^moved/ { a = $2; b = $5 }
+    END { exit !(force > 0.1 && a > 10 && b > 5) }' output.txt
+check "answers are timed" grep -q '^round trips  30 of [0-9.]* kB: median [0-9.]* ms' output.txt
+expect 2 'cannot be listened on' igtl_server --port "${port:-1}" --seconds 1
+kill $server
+wait $server 2>/dev/null
+expect 3 'no server; is igtl_server running' igtl_client --port "${port:-1}"
+expect 2 'no-such.vtk' igtl_server no-such.vtk
+expect_data 2 'is a surface' igtl_server surfaces/liver_a.obj
+expect 2 '--rate needs a number' igtl_server --rate 0
+expect 2 '--trips needs a whole number' igtl_client --trips none
+expect 2 'here is one word too many' igtl_client here
+
 # ---- drop ----
 expect 0 '^usage: drop' drop --help
 expect 0 '^rest=[01] floor_over_weight=[0-9.]* overlap_mm=[0-9.]* step_ms=' drop --count 2 --cells 3 -o drop
@@ -867,7 +937,7 @@ expect 2 'no-such-folder' needle_study --quick -o no-such-folder/study
 all="hello custom_element demo viscoelastic liver_models surface_to_sim cylinder_study needle_prostate needle_forces
     needle_control needle_obstacles needle_phantom one_body register_liver insilico case_solve haptic_loop grasp
     palpation drop cut_scalpel cut_resect cut_force cut_study
-    needle_study"
+    needle_study igtl_server igtl_client"
 # full_stdout PROGRAM [ARGUMENT...]: what is printed cannot be written, which is told, and is no success
 full_stdout() {
     program=$1

@@ -34,7 +34,8 @@ typedef struct world {
     sb_tool_def tool_def;
     sb_pose tool_pose;
     sb_change_cell change_cell;
-    int pressure, springs, mapping, constraint;
+    int pressure, springs, mapping, constraint, cable;
+    sb_cable_def cable_def;
     sb_body *plain;          /* for registration: without */
     sb_recording *recording; /* of plain */
     sb_domain domain;
@@ -301,6 +302,18 @@ static sb_constraint_term *world_terms(world *w, int slave)
     return w->terms;
 }
 
+static sb_cable_def *world_cable_def(world *w)
+{
+    static const int path[2] = {-1, 26};
+    static const sb_vec3 places[2] = {{REAL(0.1), REAL(0.1), REAL(0.3)}, {0, 0, 0}};
+    w->cable_def = sb_default_cable_def();
+    w->cable_def.count = 2;
+    w->cable_def.nodes = path;
+    w->cable_def.places = places;
+    w->cable_def.stiffness = 1;
+    return &w->cable_def;
+}
+
 static sb_body *world_body(world *w)
 {
     sb_real k = 10;
@@ -314,6 +327,7 @@ static sb_body *world_body(world *w)
     CHECK_OK(sb_body_add_pressure(w->body, world_face(w), 1, 3, 10, &w->pressure, NULL));
     CHECK_OK(sb_body_add_springs(w->body, &node, 1, &k, 1, w->mesh.nodes + 26, &w->springs, NULL));
     CHECK_OK(sb_body_add_mapping(w->body, world_mapping(w), &k, 1, w->mesh.nodes + 13, &w->mapping, NULL));
+    CHECK_OK(sb_body_add_cable(w->body, world_cable_def(w), &w->cable, NULL));
     CHECK_OK(sb_body_add_constraint(w->body, world_terms(w, 23), 2, 0, &w->constraint, NULL));
     CHECK_OK(sb_body_step(w->body, REAL(0.01), NULL));
     return w->body;

@@ -1,12 +1,12 @@
 /* Livers that are cut without mercy: strokes that cross, graze faces, go through nodes and edges, backwards, out and in
  * again, slices of a millionth of the organ, scissors, soups of triangles, and burns in between. After each: nothing is
- * lost, no hole in the surface, no number that is none; and the same bits for any number of threads, from recordings,
- * from saved states, and taken back.
+ * lost, no hole in the surface nor in a fine skin that is cut along, no number that is none; and the same bits for any
+ * number of threads, from recordings, from saved states, and taken back.
  *
  * Ten short sequences of small organs here, three of quadratic elements. CHECK_SLOW=200 runs so many long ones, from
  * CHECK_FIRST on, or as many as CHECK_SECONDS of the processor allow, and 50 times as many strokes; make soak-cuts
  * does. */
-#include "cut_drawing.h"
+#include "fine_skin.h"
 #include "random_case.h"
 
 #include <time.h>
@@ -21,6 +21,9 @@ typedef struct stress {
     sb_element_type element;
     int cells; /* of the organ */
     sb_cut_surface *surface;
+    sb_mesh skin; /* fine */
+    sb_cut_fine *fine;
+    fine_rims rims;
     scene_memory memory;
     sb_allocator allocator;
     unsigned long long number;
@@ -28,6 +31,7 @@ typedef struct stress {
     double size, volume, removed, mass;
     sb_vec3 last_middle, last_normal; /* of the last plane */
     int taken, parted;                /* calls that took something out, or parted cells */
+    int looks;                        /* at the organ */
     int lines;                        /* edges of the surface where cuts end in one line */
 } stress;
 
@@ -54,6 +58,21 @@ static sb_mesh quadratic_mesh(const stress *s)
     CHECK_OK(sb_mesh_to_tet10(&linear, NULL, &mesh, NULL));
     sb_mesh_free(&linear);
     return mesh;
+}
+
+/* A visual skin: of an organ with smaller elements, or the boundary in finer triangles, smooth or rough. */
+static sb_mesh stress_skin(const stress *s)
+{
+    static const double noise[3] = {0, 0.04, 0.1};
+    unsigned long long seed = 77 * s->number + 5;
+    int kind = (int)(s->number % 4), times = 1 + (int)(s->number / 4 % 2);
+    stress finer = *s;
+    sb_mesh mesh, skin;
+    finer.cells = kind == 3 ? 2 * s->cells + (int)(s->number / 4 % 3) : s->cells;
+    mesh = organ_mesh(&finer);
+    skin = fine_skin_of(&mesh, kind == 3 ? 0 : times, kind == 3 ? 0 : noise[kind], &seed);
+    sb_mesh_free(&mesh);
+    return skin;
 }
 
 static void stress_make(stress *s, sb_element_type element, unsigned long long number, int cells, int workers)
@@ -93,6 +112,8 @@ static void stress_make(stress *s, sb_element_type element, unsigned long long n
     if (!CHECK_OK(sb_cut_create(&cut, &s->b.cut, &error)))
         printf("%s\n", error.message);
     CHECK_OK(sb_cut_surface_create(s->b.cut, &s->allocator, &s->surface, NULL));
+    s->skin = stress_skin(s);
+    CHECK_OK(sb_cut_fine_create(s->b.cut, &s->skin, &s->allocator, &s->fine, NULL));
     s->mass = (double)sb_body_mass(s->b.body);
     for (int e = 0; e < s->b.mesh.element_count; e++)
         s->volume += (double)sb_mesh_element_volume(&s->b.mesh, e);
@@ -100,6 +121,8 @@ static void stress_make(stress *s, sb_element_type element, unsigned long long n
 
 static void stress_free(stress *s)
 {
+    sb_cut_fine_destroy(s->fine);
+    sb_mesh_free(&s->skin);
     sb_cut_surface_destroy(s->surface);
     block_free(&s->b);
     CHECK_INT(s->memory.live, 0);
@@ -116,6 +139,25 @@ static void check_call(stress *s, sb_result result, const sb_cut_info *info, con
     s->removed += (double)info->removed_volume;
     s->taken += info->removed_volume > 0;
     s->parted += info->cells > 0;
+}
+
+/* The fine skin is closed, whatever was cut, and rims join no two parts. */
+static void check_fine(stress *s)
+{
+    sb_cut_fine_drawing d;
+    double close = scene_tolerance(1e-12, 1e4);
+    int more;
+    sb_error error;
+    if (!CHECK_OK(sb_cut_fine_update(s->fine, &error)))
+        printf("%s\n", error.message);
+    d = sb_cut_fine_get(s->fine);
+    CHECK_INT(d.open_edges, 0);
+    CHECK_INT(holes_of(&d.drawn, &more), 0);
+    CHECK(scene_all_finite(d.drawn.positions, d.drawn.vertex_count));
+    CHECK(scene_all_finite(d.drawn.normals, d.drawn.vertex_count));
+    CHECK(memcmp(d.drawn.rest, s->skin.nodes, (size_t)s->skin.node_count * sizeof(sb_vec3)) == 0);
+    fine_rims_add(&s->rims, s->b.cut, s->fine);
+    CHECK(s->rims.between <= close * s->size * s->size);
 }
 
 /* Nothing is lost, and the surface is closed about what is there. */
@@ -140,6 +182,8 @@ static void check_organ(stress *s)
     s->lines += more;
     CHECK_NEAR(volumes_error_in(&s->b, &d, s->element == SB_TET10 ? 1 : 2), 0, close); /* now tet10 are bent */
     CHECK(scene_all_finite(d.positions, d.vertex_count) && scene_all_finite(d.normals, d.vertex_count));
+    if (is_long() || ++s->looks % 3 == 0)
+        check_fine(s);
 }
 
 /* ---- what is done ------------------------------------------------------------------------------------------------ */

@@ -1150,6 +1150,18 @@ public unsafe struct sb_body_listener
     public IntPtr end;
 }
 [StructLayout(LayoutKind.Sequential)]
+public unsafe struct sb_cable_def
+{
+    public int count;
+    public int* nodes;
+    public sb_mapping* rows;
+    public sb_vec3* places;
+    public double rest_length;
+    public double stiffness;
+    public double toe_strain;
+    public int pushes;
+}
+[StructLayout(LayoutKind.Sequential)]
 public unsafe struct sb_embedding_def
 {
     public sb_mesh* mesh;
@@ -4080,6 +4092,63 @@ public static unsafe class Native
     public static extern sb_result sb_body_spring_forces(sb_body* body, int load_id, sb_vec3* forces);
     [DllImport(Library, CallingConvention = CallingConvention.Cdecl)]
     public static extern sb_result sb_body_mapping_forces(sb_body* body, int load_id, sb_vec3* forces);
+    [DllImport(Library, CallingConvention = CallingConvention.Cdecl)]
+    public static extern sb_cable_def sb_default_cable_def();
+    /// <summary>
+    /// Adds a cable as one load more, by whose id sb_body_load_force (of what it does to the body) and sb_body_remove_load
+    /// know it, too. The def and its arrays are copied.
+    /// - Forces come from the energy stiffness rest_length (e^2/2 - toe e/2 + toe^2/6), e = length / rest_length - 1, past
+    /// the toe, and stiffness rest_length e^3 / (6 toe) within it; a slack cable has none at all. Statics, and steps of
+    ///   several Newton iterations, find the balance with it; a linearised step (max_newton 1) takes what it is at the start
+    ///   and its stiffness there: a cable that goes taut or slack within the step does so in the next one.
+    /// - The stiffness is positive semidefinite and part of every tangent: a stiff cable is safe at any dt. Under pressure a
+    ///   rod (pushes) buckles where exact tangents are asked for; others leave that part out.
+    /// - A static solve goes evenly from the rest length, stiffness and places that the last one ended with to the present
+    ///   ones, and starts a new cable from no tension. It takes a cable as something that holds its length; where cables
+    ///   alone hold a body and are slack at first, give it more load steps, or a support.
+    /// - Explicit steps are bounded by the stiffness of all cables, slack ones too.
+    /// - When the mesh changes, points go with their nodes and their material as rows of mappings do: to heirs of nodes
+    ///   that go, to the cell that has their material. Points in space stay.
+    /// Errors, with nothing added: SB_ERROR_ARGUMENT (NULL; fewer than 2 points; none of the body; a stiffness or toe strain
+    /// below 0; rest_length below 0, or 0 where all points lie on one place; a point without a place), SB_ERROR_INDEX (a
+    /// node out of range, or of no element), SB_ERROR_NOT_FINITE, SB_ERROR_MEMORY; error-&gt;element names the point. Points
+    /// without a common element enlarge the body's tangent as those of a mapping's row do.
+    /// Source: Blemker and Delp 2005 (paths that slide), Weiss et al. 1996 (toe of ligaments).
+    /// </summary>
+    [DllImport(Library, CallingConvention = CallingConvention.Cdecl)]
+    public static extern sb_result sb_body_add_cable(sb_body* body, sb_cable_def* def, int* load_id, sb_error* error);
+    /// <summary>
+    /// Changes between steps, without allocation: a suture that is tightened, a ligament that was torn (stiffness 0).
+    /// SB_ERROR_INDEX: no cable has this id; SB_ERROR_ARGUMENT (rest_length &lt;= 0, stiffness &lt; 0), SB_ERROR_NOT_FINITE.
+    /// </summary>
+    [DllImport(Library, CallingConvention = CallingConvention.Cdecl)]
+    public static extern sb_result sb_body_set_cable_rest_length(sb_body* body, int load_id, double rest_length);
+    [DllImport(Library, CallingConvention = CallingConvention.Cdecl)]
+    public static extern sb_result sb_body_set_cable_stiffness(sb_body* body, int load_id, double stiffness);
+    /// <summary>
+    /// places[points] (m): those of points in space are taken, others are not read.
+    /// </summary>
+    [DllImport(Library, CallingConvention = CallingConvention.Cdecl)]
+    public static extern sb_result sb_body_move_cable(sb_body* body, int load_id, sb_vec3* places);
+    /// <summary>
+    /// Tension (N) in the last step or static solve, 0 before; negative in a rod under pressure, and where a linearised step
+    /// let a cable go slack.
+    /// </summary>
+    [DllImport(Library, CallingConvention = CallingConvention.Cdecl)]
+    public static extern sb_result sb_body_cable_tension(sb_body* body, int load_id, double* tension);
+    /// <summary>
+    /// Of its present points: length (m), and points[points] (m).
+    /// </summary>
+    [DllImport(Library, CallingConvention = CallingConvention.Cdecl)]
+    public static extern sb_result sb_body_cable_length(sb_body* body, int load_id, double* length);
+    [DllImport(Library, CallingConvention = CallingConvention.Cdecl)]
+    public static extern sb_result sb_body_cable_points(sb_body* body, int load_id, sb_vec3* points);
+    /// <summary>
+    /// forces[points] (N) on each point in the last step or static solve; they sum to 0. What a point in space feels is what
+    /// its bone feels.
+    /// </summary>
+    [DllImport(Library, CallingConvention = CallingConvention.Cdecl)]
+    public static extern sb_result sb_body_cable_forces(sb_body* body, int load_id, sb_vec3* forces);
     [DllImport(Library, CallingConvention = CallingConvention.Cdecl)]
     public static extern sb_embedding_def sb_default_embedding_def();
     /// <summary>

@@ -110,7 +110,8 @@
  * sb_body      a mesh with materials, supports, loads and a state of motion. Created from a def, stepped, read.
  * supports     degrees of freedom that follow a target: sb_body_hold holds, sb_body_place moves (a tool).
  * loads        gravity, nodal forces, tractions: dead loads that stay until sb_body_clear_loads. Pressures, springs to
- *              moving points and mapped points drawn to targets follow the body and have ids.
+ *              moving points, mapped points drawn to targets, and cables (sb_body_add_cable: ligaments, sutures) follow
+ *              the body and have ids.
  * constraints  linear equations among displacements, exact: sb_body_add_constraint; sb_body_tie_faces glues meshes.
  * state        sb_body_state_save and _load: back to a moment, in memory or a file; what follows has the same bits.
  * recording    sb_recording_start: every call on a body, to be replayed; says which step differs, and where.

@@ -5,6 +5,8 @@
  *     FUZZ_TARGET=TARGET fuzz ...           compiled with FUZZ_LIBFUZZER and -fsanitize=fuzzer: libFuzzer's options
  *
  * A finding aborts; the plain program leaves the input in build/fuzz-TARGET.crash. */
+#include "examples/system.h" /* before all that comes from the system */
+
 #define SB_IMPLEMENTATION
 #define NDL_IMPLEMENTATION
 #define REG_IMPLEMENTATION
@@ -17,6 +19,7 @@
 #include "target_case.h"
 #include "target_cloud.h"
 #include "target_geometry.h"
+#include "target_igtl.h"
 #include "target_inp.h"
 #include "target_mesh.h"
 #include "target_needle.h"
@@ -50,7 +53,8 @@ static const struct fuzz_target {
                     {"match", fuzz_match},
                     {"nicp", fuzz_nicp},
                     {"precond", fuzz_precond},
-                    {"image", fuzz_image}};
+                    {"image", fuzz_image},
+                    {"igtl", fuzz_igtl}};
 enum { FUZZ_TARGETS = sizeof fuzz_targets / sizeof fuzz_targets[0] };
 
 static const struct fuzz_target *fuzz_find_target(const char *name)

@@ -385,6 +385,7 @@ class sb_body_change(Structure): pass
 class sb_cell_moments(Structure): pass
 class sb_change_cell(Structure): pass
 class sb_body_listener(Structure): pass
+class sb_cable_def(Structure): pass
 class sb_embedding_def(Structure): pass
 class sb_embedding(Structure): pass
 class sb_embedding_report(Structure): pass
@@ -1083,6 +1084,16 @@ sb_body_listener._fields_ = [
     ("follow", CFUNCTYPE(None, c_void_p, POINTER(sb_body), POINTER(sb_mesh_change))),
     ("give_up", CFUNCTYPE(None, c_void_p)),
     ("end", CFUNCTYPE(None, c_void_p)),
+]
+sb_cable_def._fields_ = [
+    ("count", c_int),
+    ("nodes", POINTER(c_int)),
+    ("rows", POINTER(sb_mapping)),
+    ("places", POINTER(sb_vec3)),
+    ("rest_length", c_double),
+    ("stiffness", c_double),
+    ("toe_strain", c_double),
+    ("pushes", c_int),
 ]
 sb_embedding_def._fields_ = [
     ("mesh", POINTER(sb_mesh)),
@@ -2382,6 +2393,15 @@ FUNCTIONS = {  # name: (what it returns, parameters)
     "sb_body_load_force": (c_int, (POINTER(sb_body), c_int, sb_vec3, POINTER(sb_vec3), POINTER(sb_vec3), )),
     "sb_body_spring_forces": (c_int, (POINTER(sb_body), c_int, POINTER(sb_vec3), )),
     "sb_body_mapping_forces": (c_int, (POINTER(sb_body), c_int, POINTER(sb_vec3), )),
+    "sb_default_cable_def": (sb_cable_def, ()),
+    "sb_body_add_cable": (c_int, (POINTER(sb_body), POINTER(sb_cable_def), POINTER(c_int), POINTER(sb_error), )),
+    "sb_body_set_cable_rest_length": (c_int, (POINTER(sb_body), c_int, c_double, )),
+    "sb_body_set_cable_stiffness": (c_int, (POINTER(sb_body), c_int, c_double, )),
+    "sb_body_move_cable": (c_int, (POINTER(sb_body), c_int, POINTER(sb_vec3), )),
+    "sb_body_cable_tension": (c_int, (POINTER(sb_body), c_int, POINTER(c_double), )),
+    "sb_body_cable_length": (c_int, (POINTER(sb_body), c_int, POINTER(c_double), )),
+    "sb_body_cable_points": (c_int, (POINTER(sb_body), c_int, POINTER(sb_vec3), )),
+    "sb_body_cable_forces": (c_int, (POINTER(sb_body), c_int, POINTER(sb_vec3), )),
     "sb_default_embedding_def": (sb_embedding_def, ()),
     "sb_embedding_create": (c_int, (POINTER(sb_embedding_def), POINTER(POINTER(sb_embedding)), POINTER(sb_error), )),
     "sb_embedding_destroy": (None, (POINTER(sb_embedding), )),
@@ -2882,6 +2902,12 @@ DOCUMENTATION = {
     'sb_body_remove_load': 'Takes a pressure, springs or a mapping away; its id is then unknown. The next static solve lets its force fade.',
     'sb_body_load_force': 'Net force (N) of a load on the body, and its torque (N m) about a point (m); either place may be NULL.',
     'sb_body_spring_forces': 'Force (N) of each spring on its node, forces[count], and of each row on the body, forces[row_count].',
+    'sb_body_add_cable': "Adds a cable as one load more, by whose id sb_body_load_force (of what it does to the body) and sb_body_remove_load\nknow it, too. The def and its arrays are copied.\n- Forces come from the energy stiffness rest_length (e^2/2 - toe e/2 + toe^2/6), e = length / rest_length - 1, past\nthe toe, and stiffness rest_length e^3 / (6 toe) within it; a slack cable has none at all. Statics, and steps of\n  several Newton iterations, find the balance with it; a linearised step (max_newton 1) takes what it is at the start\n  and its stiffness there: a cable that goes taut or slack within the step does so in the next one.\n- The stiffness is positive semidefinite and part of every tangent: a stiff cable is safe at any dt. Under pressure a\n  rod (pushes) buckles where exact tangents are asked for; others leave that part out.\n- A static solve goes evenly from the rest length, stiffness and places that the last one ended with to the present\n  ones, and starts a new cable from no tension. It takes a cable as something that holds its length; where cables\n  alone hold a body and are slack at first, give it more load steps, or a support.\n- Explicit steps are bounded by the stiffness of all cables, slack ones too.\n- When the mesh changes, points go with their nodes and their material as rows of mappings do: to heirs of nodes\n  that go, to the cell that has their material. Points in space stay.\nErrors, with nothing added: SB_ERROR_ARGUMENT (NULL; fewer than 2 points; none of the body; a stiffness or toe strain\nbelow 0; rest_length below 0, or 0 where all points lie on one place; a point without a place), SB_ERROR_INDEX (a\nnode out of range, or of no element), SB_ERROR_NOT_FINITE, SB_ERROR_MEMORY; error->element names the point. Points\nwithout a common element enlarge the body's tangent as those of a mapping's row do.\nSource: Blemker and Delp 2005 (paths that slide), Weiss et al. 1996 (toe of ligaments).",
+    'sb_body_set_cable_rest_length': 'Changes between steps, without allocation: a suture that is tightened, a ligament that was torn (stiffness 0).\nSB_ERROR_INDEX: no cable has this id; SB_ERROR_ARGUMENT (rest_length <= 0, stiffness < 0), SB_ERROR_NOT_FINITE.',
+    'sb_body_move_cable': 'places[points] (m): those of points in space are taken, others are not read.',
+    'sb_body_cable_tension': 'Tension (N) in the last step or static solve, 0 before; negative in a rod under pressure, and where a linearised step\nlet a cable go slack.',
+    'sb_body_cable_length': 'Of its present points: length (m), and points[points] (m).',
+    'sb_body_cable_forces': 'forces[points] (N) on each point in the last step or static solve; they sum to 0. What a point in space feels is what\nits bone feels.',
     'sb_embedding_create': 'Embeds points in a mesh. SB_ERROR_ARGUMENT (a field out of range, a point beyond max_distance: error->node),\nSB_ERROR_NOT_FINITE (error->node: the point), SB_ERROR_UNSUPPORTED for custom elements, what sb_mesh_validate says of\nthe mesh, SB_ERROR_INDEX for the surface, SB_ERROR_MEMORY; *embedding is then untouched. Copies what it keeps. About\n2 microseconds for each point of a tet mesh on one thread; the result does not depend on the threads. Release with\nsb_embedding_destroy.',
     'sb_embedding_update': "Where the points are when the nodes of the mesh are at node_positions (m), such as sb_body_positions(body):\npoints[point_count], and unless NULL unit normals[point_count]. node_positions: [node_count of\nsb_embedding_get_report], which is mesh.node_count, or the slots of the body that it follows. After a change of the\nbody's mesh (sb_body_change_commit), as needles make, the points are wrong unless the embedding follows it\n(sb_embedding_follow). Normals are\n- with a surface, of its deformed triangles (quads: corner triangles) around each point, weighted by area: those of\n  what is drawn. Zero for a point without triangles;\n- with def.normals, F^-T N of the embedding's deformation gradient F at the point: no neighbours needed, but it jumps\n  a little where F does, between elements.\nSB_ERROR_ARGUMENT for a NULL array, or normals without either source; nothing is written. Positions that are not\nfinite give points that are not. Output arrays must not overlap node_positions. Allocates nothing, but after a state\nwas loaded without memory for it (SB_ERROR_MEMORY, see sb_embedding_follow); the same bits for any number of threads;\none call at a time for each embedding. jobs: NULL for none.",
     'sb_embedding_forces': "Adds to node_forces[mesh.node_count] (N) the forces equivalent to point_forces[point_count] (N) at node_positions:\nthe exact transpose of sb_embedding_update's derivative, with the same net force and moment. What is said there of\nallocation, threads and errors holds.",

@@ -198,8 +198,8 @@ typedef struct sb_energy {
     sb_real elastic; /* J. With Prony terms the energy of the long-term response, which is what slow unloading gives
                       * back; what the terms hold besides will be dissipated and is not in it */
     sb_real kinetic; /* J */
-    sb_real springs; /* J, of springs and mappings at their present stiffness and points; dead loads and pressures
-                      * have no energy of their own */
+    sb_real springs; /* J, of springs, mappings and cables at their present stiffness and points; dead loads and
+                      * pressures have no energy of their own */
 } sb_energy;
 SB_API sb_result sb_body_energy(sb_body *body, sb_energy *energy);
 /* y = K x, the stiffness at the present displacements times x: the change of the internal forces (N) when the nodes

@@ -14,13 +14,35 @@ typedef enum sbi_load_kind {
     SBI_LOAD_PRESSURE = 1,
     SBI_LOAD_SPRINGS = 2,
     SBI_LOAD_MAPPING = 3,
-    SBI_LOAD_POTENTIAL = 4
+    SBI_LOAD_POTENTIAL = 4,
+    SBI_LOAD_CABLE = 5
 } sbi_load_kind;
+
+/* What a cable is made of. */
+typedef struct sbi_cable_law {
+    sb_real rest;      /* m, > 0 */
+    sb_real stiffness; /* N, per strain */
+    sb_real toe;       /* strain up to which it straightens; 0: at once */
+    int pushes;        /* 1: it resists being shorter as well */
+} sbi_cable_law;
+
+/* A cable as it lies at some shape; scratch. Where point k comes from and goes to: the length changes by slope[k] .
+ * dx_k.
+ */
+typedef struct sbi_cable_lie {
+    sb_real length, tension, rate; /* m, N, N/m: d tension / d length */
+    double energy;                 /* J */
+    sb_vec3 *way, *slope;          /* [row_count] unit direction to the next point (the last: 0), d length / d point */
+    sb_real *part;                 /* [row_count] distance to the next point (m) */
+    int *dofs;                     /* [3 entries] 3 node + axis of each, and what they have of slope: */
+    sb_real *shares;
+} sbi_cable_lie;
 
 /* A load that follows the body (see load.h). Springs are a mapping with one node of weight 1 in each row; a pressure's
  * rows are the nodes of its faces. A potential has rows without targets, whose owner fills force, stiffness and lines
- * (see body_guest.h); it is in the list only while a solve has it. State: stiffness, target, pressure, their balanced
- * twins, balanced, force, net. */
+ * (see body_guest.h); it is in the list only while a solve has it. A cable's rows are its points, in order, with no
+ * stiffness; one in space is a row of one weight, 0, and its place is its target. State: stiffness, target, pressure,
+ * their balanced twins, balanced, force, net. */
 typedef struct sbi_load {
     sbi_load_kind kind;
     int id;
@@ -48,6 +70,11 @@ typedef struct sbi_load {
     void (*fill)(void *user, const sb_vec3 *u, sb_vec3 *force, sb_real *stiffness, sb_vec3 *lines); /* of a potential */
     void *fill_user;
     double net[6]; /* force (N) and torque about the origin (N m) in the last solve */
+    /* of a cable */
+    sbi_cable_law cable, balanced_cable;
+    sb_real tension;     /* N, in the last solve */
+    double cable_energy; /* J, where that ended */
+    sbi_cable_lie lie;
 } sbi_load;
 
 /* A traction on a face, or on a piece's part of it. */
@@ -107,6 +134,9 @@ typedef enum sbi_command_code {
     SBI_COMMAND_PART = 34,           /* ints: name of a part of the state, and its own; reals: its own */
     SBI_COMMAND_PART_STEP = 35,      /* a: result; the same of a step */
     SBI_COMMAND_REGION_DAMPING = 36, /* a: region; reals: alpha, beta */
+    SBI_COMMAND_ADD_CABLE = 37, /* a: points, b: 1 when it pushes; ints: row starts, nodes; reals: places, rest length,
+                                 * stiffness, toe strain, weights */
+    SBI_COMMAND_CABLE = 38,     /* a: load; reals: rest length, stiffness */
     SBI_COMMAND_COUNT
 } sbi_command_code;
 
@@ -307,6 +337,15 @@ SBI_API void sbi_load_release(const sb_allocator *allocator, const sbi_load *loa
 enum { SBI_PLACE_INTS = 4 };
 SBI_API sb_result sbi_body_replay_place(sb_body *body, const int *ints, const sb_vec3 *u, sb_error *error);
 
+/* The load with this id and kind (0: any), or NULL. */
+SBI_API sbi_load *sbi_load_find(const sb_body *body, int id, int kind);
+/* Room for one more, and its place in the list after sbi_load_reserve found it. */
+SBI_API sb_result sbi_load_reserve(sb_body *body, sb_error *error);
+SBI_API void sbi_load_append(sb_body *body, sbi_load *load, int *load_id);
+/* SB_ERROR_ARGUMENT, SB_ERROR_INDEX and SB_ERROR_NOT_FINITE, of sb_body_add_mapping. */
+SBI_API sb_result sbi_load_check_mapping(const sb_body *body, const sb_mapping *mapping, sb_error *error);
+/* Blocks for the nodes of each row, of a cable for those of all its points, and room for the parts that they tie. */
+SBI_API sb_result sbi_load_couple(sb_body *body, const sbi_load *load, sb_error *error);
 /* Memory for a load of these rows, zeroed: entries nodes in all, pairs of nodes within rows. */
 SBI_API sb_result sbi_load_make(const sb_allocator *allocator, sbi_load_kind kind, int rows, int entries, size_t pairs,
                                 sbi_load *load, sb_error *error);

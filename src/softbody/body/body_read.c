@@ -1,6 +1,7 @@
 /* body_read: sizes, motion and what can be read from it. */
 #include "body.h"
 #include "body_private.h"
+#include "cable_law.h"
 #include "live_private.h"
 #include "live_mesh.h"
 
@@ -117,6 +118,8 @@ static void sbi_body_reset_load(sbi_load *load)
 {
     load->balanced = 0; /* the balanced values mean nothing now, nor does a saved state have them */
     load->balanced_pressure = 0;
+    load->tension = 0;
+    load->cable_energy = 0;
     memset(load->net, 0, sizeof load->net);
     if (load->force)
         memset(load->force, 0, (size_t)load->row_count * sizeof *load->force);
@@ -160,10 +163,14 @@ SBI_API sb_vec3 sbi_body_row_value(const sbi_load *load, int row, const sb_vec3 
     return sum;
 }
 
-/* sum over the rows of k |H^T u - target|^2 / 2. */
-static sb_real sbi_body_load_energy(const sb_body *body, const sbi_load *load)
+/* sum over the rows of k |H^T u - target|^2 / 2, or what a cable has. */
+static sb_real sbi_body_load_energy(const sb_body *body, sbi_load *load)
 {
     sb_real sum = 0;
+    if (load->kind == SBI_LOAD_CABLE) {
+        sbi_cable_lay(body, load, body->displacement, 1);
+        return (sb_real)load->lie.energy;
+    }
     for (int j = 0; load->kind != SBI_LOAD_PRESSURE && j < load->row_count; j++) {
         sb_vec3 stretch = sb_v3_sub(sbi_body_row_value(load, j, body->displacement), load->target[j]);
         sum += (sb_real)0.5 * load->stiffness[j] * sb_v3_dot(stretch, stretch);

@@ -1,6 +1,7 @@
 /* body_support: nodes that are held, faces by their corners, and what holds the parts of a body. */
 #include "body.h"
 #include "body_private.h"
+#include "cable_law.h"
 #include "live_private.h"
 
 #include <string.h>
@@ -492,6 +493,18 @@ static void sbi_body_hold_load(const sb_body *body, const sbi_load *load)
         }
 }
 
+/* A cable holds its length, also while it is slack. */
+static void sbi_body_hold_cable(const sb_body *body, sbi_load *load)
+{
+    const int start[2] = {0, 3 * load->row_start[load->row_count]};
+    sbi_body_rows rows = {1, start, NULL, load->lie.dofs, load->lie.shares};
+    sbi_body_row row;
+    sbi_cable_list_shares(body, load, body->displacement);
+    row = sbi_body_make_row(&rows, 0, 0);
+    if (load->cable.stiffness > 0)
+        sbi_body_hold_row(body, &row);
+}
+
 static void sbi_body_hold_equations(const sb_body *body, const sbi_equations *equations)
 {
     sbi_body_rows rows = {equations->count, equations->start, NULL, equations->dof, equations->coefficient};
@@ -532,7 +545,10 @@ static void sbi_body_gather_holds(const sb_body *body)
     if (stride)
         memset(body->tie_gram, 0, stride * stride * sizeof(double));
     for (int l = 0; l < body->load_count; l++)
-        sbi_body_hold_load(body, body->loads + l);
+        if (body->loads[l].kind == SBI_LOAD_CABLE)
+            sbi_body_hold_cable(body, body->loads + l);
+        else
+            sbi_body_hold_load(body, body->loads + l);
     if (body->elimination)
         sbi_body_hold_equations(body, &body->elimination->equations);
     for (int c = 0; c < body->component_count; c++)

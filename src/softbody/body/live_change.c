@@ -1133,13 +1133,15 @@ static sb_result sbi_change_rebuild(sb_body_change *change, const sb_mesh_change
     return result;
 }
 
-/* Room to write down where rows of mappings go; 0: no memory. */
+/* Room to write down where rows of mappings and points of cables go; 0: no memory. */
 static int sbi_change_reserve_found(sb_body_change *change)
 {
     const sb_body *body = change->body;
     int64_t rows = 0;
     for (int i = 0; i < body->load_count; i++)
-        rows += body->loads[i].kind == SBI_LOAD_MAPPING ? body->loads[i].row_count : 0;
+        rows += body->loads[i].kind == SBI_LOAD_MAPPING || body->loads[i].kind == SBI_LOAD_CABLE
+                    ? body->loads[i].row_count
+                    : 0;
     return rows < INT32_MAX / 4 && SBI_CHANGE_ROOM(change, log_ints, 2 * (int)rows);
 }
 

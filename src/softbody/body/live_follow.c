@@ -63,7 +63,8 @@ static int sbi_live_row_is_touched(const sbi_live_following *work, const sbi_loa
         if (marks[load->nodes[k]] & SBI_LIVE_GOES)
             return 1;
     }
-    return (all && load->kind != SBI_LOAD_SPRINGS) || (glued > 1 && load->kind == SBI_LOAD_MAPPING);
+    return (all && load->kind != SBI_LOAD_SPRINGS) || (glued > 1 && load->kind == SBI_LOAD_MAPPING) ||
+           (glued > 0 && load->kind == SBI_LOAD_CABLE); /* its rows are coupled to each other */
 }
 
 /* Marks, or with 0 frees of their marks, nodes that the change or glue is about. */

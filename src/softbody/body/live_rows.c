@@ -3,6 +3,7 @@
 
 #include <string.h>
 
+#include "cable_law.h"
 #include "constraint.h"
 #include "load.h"
 
@@ -316,14 +317,15 @@ static int sbi_live_loses_node(const sbi_live_rows *rows, const int *nodes, int 
     return 0;
 }
 
-/* The next form of one row of springs or a mapping. */
+/* The next form of one row of springs or a mapping, or of a point of a cable. */
 static sb_result sbi_live_carry_row(sbi_live_rows *rows, const sbi_load *load, int j, sb_error *error)
 {
     const sbi_mesh_change *change = rows->change;
     const int *nodes = load->nodes + load->row_start[j];
     const sb_real *weights = load->weights + load->row_start[j];
     int count = load->row_start[j + 1] - load->row_start[j], lost = sbi_live_loses_node(rows, nodes, count);
-    int most = 4;
+    int most = 4, is_point = load->kind == SBI_LOAD_MAPPING ||
+                             (load->kind == SBI_LOAD_CABLE && !sbi_cable_point_is_in_space(load, j));
     for (int k = 0; k < count; k++) {
         int r = rows->removed_of[nodes[k]], heirs = r < 0 ? 1 : change->heir_start[r + 1] - change->heir_start[r];
         if (heirs == 0 || (heirs > 1 && load->kind == SBI_LOAD_SPRINGS))
@@ -336,11 +338,11 @@ static sb_result sbi_live_carry_row(sbi_live_rows *rows, const sbi_load *load, i
     }
     if (!sbi_live_rows_room(rows, most))
         return sbi_live_rows_no_memory(error);
-    if (load->kind == SBI_LOAD_MAPPING && !lost && sbi_live_repoint(rows, nodes, weights, count)) {
+    if (is_point && !lost && sbi_live_repoint(rows, nodes, weights, count)) {
         sbi_live_rows_close(rows);
         return SB_OK;
     }
-    if (load->kind == SBI_LOAD_MAPPING && (lost || (count <= 4 && !sbi_live_share_cell(rows->next, nodes, count))) &&
+    if (is_point && (lost || (count <= 4 && !sbi_live_share_cell(rows->next, nodes, count))) &&
         sbi_live_relocate(rows, nodes, weights, count)) {
         sbi_live_rows_close(rows);
         return SB_OK;
@@ -366,7 +368,7 @@ static void sbi_live_carry_values(const sbi_live_rows *rows, const sbi_load *loa
     memcpy(made->target, load->target, count * sizeof(sb_vec3));
     memcpy(made->balanced_target, load->balanced_target, count * sizeof(sb_vec3));
     memcpy(made->force, load->force, count * sizeof(sb_vec3));
-    for (int j = 0; j < load->row_count; j++) {
+    for (int j = 0; j < load->row_count && load->kind != SBI_LOAD_CABLE; j++) {
         double old[3], now[3];
         sb_vec3 moved;
         sbi_live_rest_point(rows->body, load->nodes + load->row_start[j], load->weights + load->row_start[j],
@@ -549,6 +551,10 @@ static sb_result sbi_live_make_load(sbi_live_rows *rows, const sbi_load *load, s
     made->pressure = load->pressure;
     made->balanced_pressure = load->balanced_pressure;
     memcpy(made->net, load->net, sizeof made->net);
+    made->cable = load->cable;
+    made->balanced_cable = load->balanced_cable;
+    made->tension = load->tension;
+    made->cable_energy = load->cable_energy;
     if (load->kind == SBI_LOAD_PRESSURE) {
         memcpy(made->face_types, rows->types, (size_t)rows->rows * sizeof(sb_element_type));
         sbi_load_weigh_faces(rows->next, made);
@@ -579,13 +585,7 @@ static sb_result sbi_live_carry_load(sbi_live_rows *rows, const sbi_load *load, 
     if (result != SB_OK)
         return result;
     next->load_count++;
-    if (load->kind != SBI_LOAD_PRESSURE) {
-        sbi_body_rows ties = {made->row_count, made->row_start, made->nodes, NULL, made->weights};
-        result = sbi_body_reserve_ties(next, &ties, error);
-        if (result == SB_OK)
-            result = sbi_body_extend_pattern(next, made->row_count, made->row_start, made->nodes, error);
-    }
-    return result;
+    return load->kind != SBI_LOAD_PRESSURE ? sbi_load_couple(next, made, error) : SB_OK;
 }
 
 /* ---- tractions ---- */

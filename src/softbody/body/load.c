@@ -4,6 +4,7 @@
 #include <string.h>
 
 #include "body_private.h"
+#include "cable_law.h"
 #include "live_private.h"
 
 /* ---- dead loads ---- */
@@ -262,8 +263,7 @@ SB_API sb_result sb_body_add_traction(sb_body *body, const int *faces, int face_
 
 /* ---- the list of loads ---- */
 
-/* The load with this id and kind (0: any), or NULL. */
-static sbi_load *sbi_load_find(const sb_body *body, int id, int kind)
+SBI_API sbi_load *sbi_load_find(const sb_body *body, int id, int kind)
 {
     int low = 0, high = body ? body->load_count : 0;
     while (low < high) {
@@ -278,7 +278,7 @@ static sbi_load *sbi_load_find(const sb_body *body, int id, int kind)
     return body->loads + low;
 }
 
-static sb_result sbi_load_reserve(sb_body *body, sb_error *error)
+SBI_API sb_result sbi_load_reserve(sb_body *body, sb_error *error)
 {
     int capacity = body->load_capacity + body->load_capacity / 2 + 4;
     sbi_load *grown;
@@ -318,6 +318,8 @@ static void sbi_load_layout(sbi_load *load, int entries, size_t pairs, sbi_arena
     load->balanced_stiffness = (sb_real *)sbi_arena_take(arena, rows, sizeof(sb_real));
     load->target = (sb_vec3 *)sbi_arena_take(arena, rows, sizeof(sb_vec3));
     load->balanced_target = (sb_vec3 *)sbi_arena_take(arena, rows, sizeof(sb_vec3));
+    if (load->kind == SBI_LOAD_CABLE)
+        sbi_cable_layout(&load->lie, rows, (size_t)entries, arena);
 }
 
 SBI_API sb_result sbi_load_make(const sb_allocator *allocator, sbi_load_kind kind, int rows, int entries, size_t pairs,
@@ -344,14 +346,25 @@ SBI_API void sbi_load_release(const sb_allocator *allocator, const sbi_load *loa
     sbi_free(allocator, load->memory);
 }
 
-/* Appends a load for which sbi_load_reserve found room. */
-static void sbi_load_append(sb_body *body, sbi_load *load, int *load_id)
+SBI_API void sbi_load_append(sb_body *body, sbi_load *load, int *load_id)
 {
     body->guard.stable_step = 0; /* it may be stiff */
     load->id = ++body->last_load_id;
     body->loads[body->load_count++] = *load;
     if (load_id)
         *load_id = load->id;
+}
+
+SBI_API sb_result sbi_load_couple(sb_body *body, const sbi_load *load, sb_error *error)
+{
+    const int whole[2] = {0, load->row_start[load->row_count]};
+    int is_cable = load->kind == SBI_LOAD_CABLE, rows = is_cable ? 1 : load->row_count;
+    const int *start = is_cable ? whole : load->row_start;
+    sbi_body_rows ties = {rows, start, load->nodes, NULL, load->weights};
+    sb_result result = sbi_body_reserve_ties(body, &ties, error);
+    if (result == SB_OK)
+        result = sbi_body_extend_pattern(body, rows, start, load->nodes, error);
+    return result;
 }
 
 /* ---- pressure ---- */
@@ -529,7 +542,6 @@ static sb_result sbi_load_add_rows(sb_body *body, sbi_load_kind kind, const sb_m
     int rows = mapping->row_count, entries = mapping->row_start[rows];
     size_t pairs = 0;
     sbi_load load;
-    sbi_body_rows ties;
     sb_result result;
     for (int j = 0; j < rows; j++) {
         size_t size = (size_t)(mapping->row_start[j + 1] - mapping->row_start[j]);
@@ -544,18 +556,11 @@ static sb_result sbi_load_add_rows(sb_body *body, sbi_load_kind kind, const sb_m
     memcpy(load.weights, mapping->weights, (size_t)entries * sizeof(sb_real));
     sbi_load_put_stiffness(&load, stiffness, uniform);
     sbi_load_put_points(body, &load, points);
-    ties.count = rows;
-    ties.start = load.row_start;
-    ties.nodes = load.nodes;
-    ties.dofs = NULL;
-    ties.weights = load.weights;
     result = sbi_load_check_points(load.target, rows, error); /* the difference may overflow */
     if (result == SB_OK)
         result = sbi_load_reserve(body, error);
     if (result == SB_OK)
-        result = sbi_body_reserve_ties(body, &ties, error);
-    if (result == SB_OK)
-        result = sbi_body_extend_pattern(body, rows, load.row_start, load.nodes, error);
+        result = sbi_load_couple(body, &load, error);
     if (result != SB_OK) {
         sbi_free(&body->allocator, load.memory);
         return result;
@@ -605,7 +610,7 @@ SB_API sb_result sb_body_add_springs(sb_body *body, const int *nodes, int count,
     return result;
 }
 
-static sb_result sbi_load_check_mapping(const sb_body *body, const sb_mapping *mapping, sb_error *error)
+SBI_API sb_result sbi_load_check_mapping(const sb_body *body, const sb_mapping *mapping, sb_error *error)
 {
     const int *start = mapping ? mapping->row_start : NULL;
     if (!mapping || mapping->row_count < 1 || !start || !mapping->nodes || !mapping->weights)
@@ -764,7 +769,7 @@ static sb_vec3 sbi_load_stiff_part(const sbi_load *load, int row, sb_vec3 x)
 }
 
 /* Springs and mappings. */
-static int sbi_load_has_targets(const sbi_load *load) { return load->target != NULL; }
+static int sbi_load_has_targets(const sbi_load *load) { return load->target && load->kind != SBI_LOAD_CABLE; }
 
 /* The force of a row on the body: k (target - H^T u), or what the owner of a potential found. */
 static sb_vec3 sbi_load_row_force(const sbi_load *load, int row, const sb_vec3 *u, sb_real factor)
@@ -916,9 +921,15 @@ SBI_API sb_real sbi_loads_force(sb_body *body, const sb_vec3 *u, sb_real factor)
     double size = 0;
     memset(body->follower, 0, (size_t)body->domain.node_count * sizeof(sb_vec3));
     for (int l = 0; l < body->load_count; l++) {
-        const sbi_load *load = body->loads + l;
+        sbi_load *load = body->loads + l;
         sbi_load_rule rule;
         rule.type = SB_NO_ELEMENT;
+        if (load->kind == SBI_LOAD_CABLE) {
+            sbi_cable_lay(body, load, u, factor);
+            sbi_cable_add_force(load, body->follower);
+            size += sbi_cable_square_size(body, load, u, factor);
+            continue;
+        }
         for (int j = 0; j < load->row_count; j++) {
             const int *nodes = load->nodes + load->row_start[j];
             int count = load->row_start[j + 1] - load->row_start[j];
@@ -1002,6 +1013,11 @@ SBI_API void sbi_loads_add_tangent(sb_body *body, const sb_vec3 *u, sb_tangent_k
         sbi_load_rule rule;
         if (load->kind == SBI_LOAD_PRESSURE && kind != SB_TANGENT_EXACT)
             continue;
+        if (load->kind == SBI_LOAD_CABLE) {
+            sbi_cable_lay(body, load, u, factor);
+            sbi_cable_add_tangent(load, kind, matrix);
+            continue;
+        }
         sbi_load_locate(body, load);
         rule.type = SB_NO_ELEMENT;
         for (int j = 0; j < load->row_count; j++) {
@@ -1018,10 +1034,23 @@ SBI_API void sbi_loads_add_tangent(sb_body *body, const sb_vec3 *u, sb_tangent_k
     }
 }
 
+SBI_API void sbi_loads_add_slack(sb_body *body, const sb_vec3 *u, sb_matrix *matrix)
+{
+    for (int l = 0; l < body->load_count; l++)
+        if (body->loads[l].kind == SBI_LOAD_CABLE) {
+            sbi_cable_lay(body, body->loads + l, u, 1);
+            sbi_cable_add_slack(body->loads + l, matrix);
+        }
+}
+
 SBI_API void sbi_loads_subtract_product(const sb_body *body, const sb_vec3 *x, sb_real factor, sb_vec3 *out)
 {
     for (int l = 0; l < body->load_count; l++) {
         const sbi_load *load = body->loads + l;
+        if (load->kind == SBI_LOAD_CABLE) {
+            sbi_cable_add_product(load, x, -1, out);
+            continue;
+        }
         for (int j = 0; load->kind != SBI_LOAD_PRESSURE && j < load->row_count; j++) {
             sb_vec3 part = sbi_load_stiff_part(load, j, sbi_body_row_value(load, j, x));
             sb_vec3 pull = sb_v3_scale(-sbi_load_stiffness_at(load, j, factor), part);
@@ -1045,13 +1074,18 @@ static void sbi_body_face_work(const sbi_load_rule *rule, int count, const sb_ve
     }
 }
 
-SBI_API sbi_loads_work sbi_loads_line(const sb_body *body, const sb_vec3 *u, const sb_vec3 *du, sb_real factor)
+SBI_API sbi_loads_work sbi_loads_line(sb_body *body, const sb_vec3 *u, const sb_vec3 *du, sb_real factor)
 {
-    sbi_loads_work work = {0, 0, 0};
+    sbi_loads_work work = {0, 0, 0, 0};
     for (int l = 0; l < body->load_count; l++) {
-        const sbi_load *load = body->loads + l;
+        sbi_load *load = body->loads + l;
         sbi_load_rule rule;
         rule.type = SB_NO_ELEMENT;
+        if (load->kind == SBI_LOAD_CABLE) {
+            sbi_cable_lay(body, load, u, factor);
+            work.curved += sbi_cable_work(load, du);
+            continue;
+        }
         for (int j = 0; j < load->row_count; j++) {
             sb_vec3 x[SB_MAX_FACE_NODES], d[SB_MAX_FACE_NODES], way;
             if (load->kind == SBI_LOAD_PRESSURE) {
@@ -1076,9 +1110,20 @@ static double sbi_load_row_energy(const sbi_load *load, int row, const sb_vec3 *
     return 0.5 * (double)load->stiffness[row] * (double)sb_v3_dot(stretch, stretch);
 }
 
-SBI_API double sbi_loads_energy(const sb_body *body, const sb_vec3 *u)
+SBI_API double sbi_loads_curved_energy(sb_body *body, const sb_vec3 *u, sb_real factor)
 {
     double sum = 0;
+    for (int l = 0; l < body->load_count; l++)
+        if (body->loads[l].kind == SBI_LOAD_CABLE) {
+            sbi_cable_lay(body, body->loads + l, u, factor);
+            sum += body->loads[l].lie.energy;
+        }
+    return sum;
+}
+
+SBI_API double sbi_loads_energy(sb_body *body, const sb_vec3 *u)
+{
+    double sum = sbi_loads_curved_energy(body, u, 1);
     for (int l = 0; l < body->load_count; l++)
         for (int j = 0; sbi_load_has_targets(body->loads + l) && j < body->loads[l].row_count; j++)
             sum += sbi_load_row_energy(body->loads + l, j, u);
@@ -1087,11 +1132,15 @@ SBI_API double sbi_loads_energy(const sb_body *body, const sb_vec3 *u)
 
 /* What a row had is its force squared over 2 k. Where k has changed this is too little (stiffer) or too much
  * (softer: the row gave some off), which errs on the safe side of what may come of it. */
-SBI_API double sbi_loads_new_energy(const sb_body *body)
+SBI_API double sbi_loads_new_energy(sb_body *body)
 {
     double sum = 0;
     for (int l = 0; l < body->load_count; l++) {
-        const sbi_load *load = body->loads + l;
+        sbi_load *load = body->loads + l;
+        if (load->kind == SBI_LOAD_CABLE) {
+            sbi_cable_lay(body, load, body->displacement, 1);
+            sum += load->lie.energy > load->cable_energy ? load->lie.energy - load->cable_energy : 0;
+        }
         for (int j = 0; sbi_load_has_targets(load) && j < load->row_count; j++) {
             double k = (double)load->stiffness[j], force = (double)sb_v3_dot(load->force[j], load->force[j]);
             double gain = k > 0 ? sbi_load_row_energy(load, j, body->displacement) - 0.5 * force / k : 0;
@@ -1105,6 +1154,8 @@ SBI_API void sbi_loads_begin_static(sb_body *body)
 {
     for (int l = 0; l < body->load_count; l++) {
         sbi_load *load = body->loads + l;
+        if (load->kind == SBI_LOAD_CABLE && !load->balanced)
+            sbi_cable_relax(body, load);
         for (int j = 0; sbi_load_has_targets(load) && !load->balanced && j < load->row_count; j++) {
             load->balanced_stiffness[j] = load->stiffness[j];
             load->balanced_target[j] = sbi_body_row_value(load, j, body->displacement);
@@ -1116,8 +1167,10 @@ SBI_API void sbi_loads_end_static(sb_body *body, sb_real factor)
 {
     for (int l = 0; l < body->load_count; l++) {
         sbi_load *load = body->loads + l;
-        load->balanced = 1;
         load->balanced_pressure = sbi_load_pressure_at(load, factor);
+        if (load->kind == SBI_LOAD_CABLE)
+            sbi_cable_settle(load, factor);
+        load->balanced = 1;
         for (int j = 0; sbi_load_has_targets(load) && j < load->row_count; j++) {
             load->balanced_target[j] = sbi_load_target_at(load, j, factor);
             load->balanced_stiffness[j] = sbi_load_stiffness_at(load, j, factor);
@@ -1148,6 +1201,8 @@ SBI_API void sbi_loads_commit(sb_body *body, const sb_vec3 *row_u, const sb_vec3
         sbi_load_rule rule;
         memset(load->net, 0, sizeof load->net);
         rule.type = SB_NO_ELEMENT;
+        if (load->kind == SBI_LOAD_CABLE)
+            sbi_cable_read(body, load, row_u, pressure_u, factor);
         for (int j = 0; j < load->row_count; j++) {
             const int *nodes = load->nodes + load->row_start[j];
             int count = load->row_start[j + 1] - load->row_start[j];
@@ -1159,7 +1214,8 @@ SBI_API void sbi_loads_commit(sb_body *body, const sb_vec3 *row_u, const sb_vec3
                     sbi_load_collect(body, row_u, nodes[a], force[a], load, body->external);
                 continue;
             }
-            load->force[j] = sbi_load_row_force(load, j, row_u, factor);
+            if (load->kind != SBI_LOAD_CABLE)
+                load->force[j] = sbi_load_row_force(load, j, row_u, factor);
             for (int a = 0; a < count; a++)
                 sbi_load_collect(body, row_u, nodes[a],
                                  sb_v3_scale(load->weights[load->row_start[j] + a], load->force[j]), load,

@@ -12,6 +12,7 @@
 #include <string.h>
 
 #include "body_private.h"
+#include "cable.h"
 #include "constraint.h"
 #include "live_private.h"
 #include "load.h"
@@ -492,6 +493,34 @@ static sb_result sbi_play_add_mapping(sb_body *body, const sbi_command *c, sb_er
     return sb_body_add_mapping(body, &mapping, c->reals + points, c->b, sbi_record_vectors(c), &id, error);
 }
 
+static sb_result sbi_play_add_cable(sb_body *body, const sbi_command *c, sb_error *error)
+{
+    size_t rows = c->a > 1 ? (size_t)c->a : 0;
+    sb_cable_def def = sb_default_cable_def();
+    sb_mapping mapping;
+    if (rows < 2 || rows >= c->int_count || c->ints[rows] < 0 || (size_t)c->ints[rows] != c->int_count - rows - 1 ||
+        c->real_count != 3 * rows + 3 + (size_t)c->ints[rows])
+        return sbi_record_refuse_counts(c, error);
+    mapping.row_count = def.count = c->a;
+    mapping.row_start = c->ints;
+    mapping.nodes = c->ints + rows + 1;
+    mapping.weights = c->reals + 3 * rows + 3;
+    def.rows = &mapping;
+    def.places = sbi_record_vectors(c);
+    def.rest_length = c->reals[3 * rows];
+    def.stiffness = c->reals[3 * rows + 1];
+    def.toe_strain = c->reals[3 * rows + 2];
+    def.pushes = c->b;
+    return sb_body_add_cable(body, &def, NULL, error);
+}
+
+static sb_result sbi_play_cable(sb_body *body, const sbi_command *c, sb_error *error)
+{
+    sb_result result = sb_body_set_cable_rest_length(body, c->a, c->reals[0]);
+    (void)error;
+    return result == SB_OK ? sb_body_set_cable_stiffness(body, c->a, c->reals[1]) : result;
+}
+
 /* Rows of a load; 0 when there is none. */
 static size_t sbi_record_load_rows(const sb_body *body, int id)
 {
@@ -506,6 +535,8 @@ static sb_result sbi_play_points(sb_body *body, const sbi_command *c, sb_error *
     size_t rows = sbi_record_load_rows(body, c->a);
     if (rows > 0 && c->real_count != 3 * rows)
         return sbi_record_refuse_counts(c, error);
+    if (c->b == SBI_LOAD_CABLE)
+        return sb_body_move_cable(body, c->a, sbi_record_vectors(c));
     return c->b == SBI_LOAD_SPRINGS ? sb_body_move_springs(body, c->a, sbi_record_vectors(c))
                                     : sb_body_set_mapping_targets(body, c->a, sbi_record_vectors(c));
 }
@@ -640,6 +671,8 @@ static const sbi_record_rule sbi_record_rules[] = {
     {SBI_COMMAND_LINES, "lines", 0, SBI_REALS_ANY, sbi_play_lines},
     {SBI_COMMAND_PART, "command of a part", SBI_INTS_ANY, SBI_REALS_ANY, sbi_play_part},
     {SBI_COMMAND_REGION_DAMPING, "damping of a region", 0, 2, sbi_play_region_damping},
+    {SBI_COMMAND_ADD_CABLE, "new cable", SBI_INTS_ANY, SBI_REALS_ANY, sbi_play_add_cable},
+    {SBI_COMMAND_CABLE, "cable", 0, 2, sbi_play_cable},
     {SBI_COMMAND_PART_STEP, "step of a part", SBI_INTS_ANY, SBI_REALS_ANY, sbi_play_part},
 };
 

@@ -5,6 +5,7 @@
 #include <string.h>
 
 #include "body_private.h"
+#include "cable_law.h"
 #include "constraint.h"
 #include "live_private.h"
 #include "load.h"
@@ -767,11 +768,35 @@ static sbi_state_rows sbi_state_load_rows(const sb_body *body, sbi_state_walk *w
     return rows;
 }
 
+/* What a cable is made of. */
+static void sbi_state_cable_law(sbi_state_walk *walk, const sbi_load *load, sbi_cable_law *law)
+{
+    law->rest = sbi_state_real(walk, law->rest);
+    law->stiffness = sbi_state_real(walk, law->stiffness);
+    law->toe = sbi_state_real(walk, law->toe);
+    law->pushes = sbi_state_int(walk, law->pushes, 0, 1, "mark of a cable that pushes");
+    if (sbi_state_checks(walk) && walk->result == SB_OK)
+        sbi_state_refuse(walk, sbi_cable_check_law(law, load->id, walk->error));
+}
+
+/* What a cable has beyond its points. */
+static void sbi_state_cable(sbi_state_walk *walk, sbi_load *load)
+{
+    if (!load->balanced)
+        load->balanced_cable = load->cable;
+    sbi_state_cable_law(walk, load, &load->cable);
+    sbi_state_cable_law(walk, load, &load->balanced_cable);
+    load->tension = sbi_state_real(walk, load->tension);
+    load->cable_energy = sbi_state_double(walk, load->cable_energy);
+}
+
 /* What a load has once. An image's values go into `load`, which is a copy. */
 static void sbi_state_load_head(const sb_body *body, sbi_state_walk *walk, int after, sbi_load *load)
 {
     int last = body->last_load_id;
-    load->kind = (sbi_load_kind)sbi_state_int(walk, (int)load->kind, SBI_LOAD_PRESSURE, SBI_LOAD_MAPPING, "load kind");
+    load->kind = (sbi_load_kind)sbi_state_int(walk, (int)load->kind, SBI_LOAD_PRESSURE, SBI_LOAD_CABLE, "load kind");
+    if (sbi_state_checks(walk) && load->kind == SBI_LOAD_POTENTIAL)
+        sbi_state_refuse(walk, sbi_fail(walk->error, SB_ERROR_FORMAT, "a saved load is of no kind that is saved"));
     load->id =
         sbi_state_int(walk, load->id, after + 1, sbi_state_is_image(walk) ? walk->last_load_id : last, "load id");
     load->balanced = sbi_state_int(walk, load->balanced, 0, 1, "mark of a balanced load");
@@ -785,6 +810,8 @@ static void sbi_state_load_head(const sb_body *body, sbi_state_walk *walk, int a
     if (sbi_state_checks(walk) && !sb_is_finite(load->pressure))
         sbi_state_refuse(
             walk, sbi_fail(walk->error, SB_ERROR_NOT_FINITE, "the saved pressure of load %d is not finite", load->id));
+    if (load->kind == SBI_LOAD_CABLE)
+        sbi_state_cable(walk, load);
 }
 
 /* Room for what these rows tie. */

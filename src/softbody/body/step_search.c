@@ -83,6 +83,7 @@ static sbi_step_line sbi_step_make_line(sbi_step *step)
         sbi_loads_work work = sbi_loads_line(b, b->displacement, b->increment, step->loads_factor);
         line.quadratic -= work.quadratic;
         line.cubic -= work.cubic;
+        line.linear += work.curved; /* it is in the energies */
         line.load_size = sb_abs(work.linear) + sb_abs(work.quadratic) + sb_abs(work.cubic);
     }
     sbi_step_add_guest_line(step, &line);
@@ -106,10 +107,14 @@ SBI_API void sbi_step_trial(const sbi_step *step, sb_real t)
         sbi_elimination_follow(b->elimination, b->work2, step->load_factor);
 }
 
-/* Elastic energy of a trial displacement; 0 when it is inadmissible, with *bad the element that is. */
+/* Elastic energy of a trial displacement, of the body and its cables; 0 when it is inadmissible, with *bad the element
+ * that is. */
 static int sbi_step_try(sbi_step *step, const sb_vec3 *trial, sb_real *energy, int *bad)
 {
-    *bad = sbi_assembly_energy(&step->body->assembly, trial, energy);
+    sb_body *b = step->body;
+    *bad = sbi_assembly_energy(&b->assembly, trial, energy);
+    if (*bad < 0 && b->load_count)
+        *energy += (sb_real)sbi_loads_curved_energy(b, trial, step->loads_factor);
     return *bad < 0 && sb_is_finite(*energy);
 }
 

@@ -46,28 +46,6 @@ static sb_real sbi_fine_find_in(const sb_cut *cut, int tet, sb_vec3 rest, sb_rea
     return sbi_lattice_barycentrics(x, rest, at);
 }
 
-/* 1 when two pieces, of elements that meet, do not hang together there: a node that both elements have is not the same
- * for both. */
-static int sbi_fine_are_apart(const sb_cut *cut, const sbi_fine_place *p, const sbi_fine_place *q)
-{
-    const int *first = cut->tets + 4 * (size_t)p->tet, *last = cut->tets + 4 * (size_t)q->tet;
-    const int *of_first, *of_last, *parts = cut->body->node_component;
-    int meet = 0;
-    if (p->cell < 0 || q->cell < 0 || p->tet == q->tet)
-        return p->cell != q->cell;
-    of_first = sb_body_cell_nodes(cut->body, p->cell);
-    of_last = sb_body_cell_nodes(cut->body, q->cell);
-    for (int a = 0; a < 4; a++)
-        for (int b = 0; b < 4; b++) {
-            if (first[a] != last[b])
-                continue;
-            if (of_first[a] != of_last[b])
-                return 1;
-            meet = 1;
-        }
-    return !meet && parts[of_first[0]] != parts[of_last[0]];
-}
-
 /* Where along an edge, from its first end, the side of that ends: in (0, 1). */
 static sb_real sbi_fine_crossing(const sb_cut_fine *fine, const int ends[2])
 {
@@ -220,9 +198,7 @@ static void sbi_fine_free_arrays(const sb_allocator *allocator, sbi_fine_arrays 
     sbi_free(allocator, arrays->origins);
     sbi_free(allocator, arrays->sources);
     sbi_free(allocator, arrays->points);
-    sbi_free(allocator, arrays->triangles);
-    sbi_free(allocator, arrays->tags);
-    sbi_free(allocator, arrays->cells);
+    sbi_fine_free_triangles(allocator, arrays);
     memset(arrays, 0, sizeof *arrays);
 }
 
@@ -238,14 +214,6 @@ static int sbi_fine_take_vertices(const sb_allocator *allocator, sbi_fine_arrays
     arrays->points = (int *)sbi_alloc(allocator, count, sizeof(int));
     return arrays->places && arrays->positions && arrays->normals && arrays->rest && arrays->texture &&
            arrays->origins && arrays->sources && arrays->points;
-}
-
-static int sbi_fine_take_triangles(const sb_allocator *allocator, sbi_fine_arrays *arrays, size_t count)
-{
-    arrays->triangles = (int(*)[3])sbi_alloc(allocator, count, sizeof *arrays->triangles);
-    arrays->tags = (unsigned char *)sbi_alloc(allocator, count, 1);
-    arrays->cells = (int *)sbi_alloc(allocator, count, sizeof(int));
-    return arrays->triangles && arrays->tags && arrays->cells;
 }
 
 /* Room for so many of both in what comes next, a quarter more than that where it grows; 0: no memory. */
@@ -444,6 +412,7 @@ static int sbi_fine_make_edges(sb_cut_fine *fine)
             fine->edges[fine->edge_count++][1] = high;
         }
         fine->sides[i / 3][i % 3] = number[at];
+        fine->is_border[number[at]] ^= 1;
     }
     sbi_free(&fine->allocator, start);
     sbi_free(&fine->allocator, other);
@@ -461,9 +430,11 @@ static sb_result sbi_fine_take_skin(sb_cut_fine *fine, const sb_mesh *skin, sb_e
     fine->edges = (int(*)[2])sbi_alloc(&fine->allocator, 3 * faces, sizeof *fine->edges);
     fine->seams = (int(*)[2])sbi_alloc(&fine->allocator, 3 * faces, sizeof *fine->seams);
     fine->is_cut = (unsigned char *)sbi_alloc_zeroed(&fine->allocator, 3 * faces, 1);
+    fine->is_border = (unsigned char *)sbi_alloc_zeroed(&fine->allocator, 3 * faces, 1);
     fine->places = (sbi_fine_place *)sbi_alloc(&fine->allocator, vertices, sizeof *fine->places);
     fine->rest = (sb_vec3 *)sbi_alloc(&fine->allocator, vertices, sizeof(sb_vec3));
-    if (!fine->faces || !fine->sides || !fine->edges || !fine->seams || !fine->is_cut || !fine->places || !fine->rest)
+    if (!fine->faces || !fine->sides || !fine->edges || !fine->seams || !fine->is_cut || !fine->is_border ||
+        !fine->places || !fine->rest)
         return sbi_fail(error, SB_ERROR_MEMORY, "no memory for a skin of %d triangles", skin->element_count);
     memcpy(fine->faces, skin->elements, faces * sizeof *fine->faces);
     memcpy(fine->rest, skin->nodes, vertices * sizeof(sb_vec3));
@@ -554,6 +525,7 @@ SB_API void sb_cut_fine_destroy(sb_cut_fine *fine)
     sbi_free(&allocator, fine->edges);
     sbi_free(&allocator, fine->seams);
     sbi_free(&allocator, fine->is_cut);
+    sbi_free(&allocator, fine->is_border);
     sbi_free(&allocator, fine->places);
     sbi_free(&allocator, fine->rest);
     sbi_free(&allocator, fine->lip_vertices);

@@ -10,12 +10,11 @@
  * where its ends are on either side of a cut, and where the body is: the skin needs no blades of its own, and follows
  * states that are loaded. A triangle falls into what its cut edges leave: one with one cut edge is slit to its middle,
  * one with two in two, one with three in three. What is open then is closed by what sb_cut_surface draws inside the
- * body, its lips and the walls of holes, and by rims, bands of triangles from the skin's seams to their edges. So the
- * whole is watertight where planes and closed surfaces cut, and wherever the skin and the body's boundary are cut into
- * the same outlines; open_edges counts the edges of what could not be joined: a skin that is open itself, a cut that is
- * smaller than the skin's triangles, or that ends between two of them where it lays the body open, outlines that meet
- * themselves. Of 90 drawings of random strokes that end anywhere and balls 43 are closed;
- * in all, one edge is open beside 24 triangles of rims.
+ * body, its lips and the walls of holes, and by rims, bands of triangles from the skin's seams to their edges. So what
+ * is drawn of a closed skin is watertight after any cuts: by points, each edge is gone along as often one way as the
+ * other. Where outlines of the skin and of the body differ, as where a cut is smaller than the skin's triangles or ends
+ * between two of them, caps close what rims leave; of the rims of random strokes, slices and burns in livers 2 % are
+ * such, or end a cut. open_edges counts the edges of a skin that is open itself, and what cuts make of them.
  *
  * The skin is to be finer than the mesh: edges longer than elements may not see a cut. Material that was taken out goes
  * with the skin's triangles all of whose corners were in it. */
@@ -39,7 +38,7 @@ typedef struct sb_cut_fine_drawing {
                                         * are numbered anew after each cut: first_triangle and first_vertex are those of
                                         * all that was. Rims are SB_CUT_RIM. origins of the skin may have weights < 0 */
     const sb_cut_fine_source *sources; /* [drawn.vertex_count] */
-    int open_edges;                    /* 0: watertight */
+    int open_edges;                    /* 0: watertight; so it is where the skin is */
 } sb_cut_fine_drawing;
 
 /* A skin for the body that is cut by `cut`, which it is to be destroyed before.

@@ -44,6 +44,7 @@ struct sb_cut_fine {
     sbi_fine_place *places;                   /* [vertex_count] at rest */
     sb_vec3 *rest;                            /* [vertex_count] */
     unsigned char *is_cut;                    /* [edge_count] */
+    unsigned char *is_border;                 /* [edge_count] 1: it has one triangle, or three, ... */
     int (*seams)[2];                          /* [edge_count] vertices on the sides of a cut edge's ends; -1: none */
     int open_edges;
     sbi_fine_arrays now, next;
@@ -61,6 +62,14 @@ struct sb_cut_fine {
 SBI_API int sbi_fine_add_vertex(sb_cut_fine *fine, const sbi_fine_place *place, const sb_cut_fine_source *source,
                                 sb_vec3 rest);
 SBI_API void sbi_fine_add_triangle(sb_cut_fine *fine, int a, int b, int c, int tag, int cell);
+/* New arrays of triangles, 0: no memory, and free those there are. */
+SBI_API int sbi_fine_take_triangles(const sb_allocator *allocator, sbi_fine_arrays *arrays, size_t count);
+SBI_API void sbi_fine_free_triangles(const sb_allocator *allocator, sbi_fine_arrays *arrays);
+/* Room for so many triangles more; 0: no memory. */
+SBI_API int sbi_fine_reserve_triangles(sb_cut_fine *fine, int more);
+/* 1 when two pieces, of elements that meet, do not hang together there: a node that both elements have is not the same
+ * for both. */
+SBI_API int sbi_fine_are_apart(const sb_cut *cut, const sbi_fine_place *p, const sbi_fine_place *q);
 /* Takes over lips and walls, and joins seams to them by rims. There is room for all of it; 0: no memory. */
 SBI_API int sbi_fine_close(sb_cut_fine *fine);
 

@@ -1,108 +1,21 @@
 /* cut_rim: closes a fine skin that is cut: with lips and walls as the cut's surface has them, and with rims between its
- * seams and their borders. Borders are loops, one inside the other, of the same cells; a rim runs along both and goes
- * on where the next diagonal is the shorter one. */
+ * seams and their borders.
+ *
+ * Seams are loops, and so are borders of lips, but one loop of these may be several of those, and either may have no
+ * others beside it. So no loops are matched. Each vertex of a seam goes to the nearest point of the borders on its side
+ * of the cut, and a rim follows the way between the points of two that are neighbours. What is left of the borders
+ * where such ways do not go along them once is loops again, for the ends of loops cancel, and caps close these. */
 #include <string.h>
 
-#include "cut_fine_private.h"
+#include "cut_rim_private.h"
 
-/* Border edges, and the loops that they make. */
-typedef struct sbi_rim_border {
-    const sbi_fine_border *edges;
-    int edge_count, loop_count;
-    int *next;    /* [edge_count] the edge behind it, or -1 */
-    int *loop_of; /* [edge_count] or SBI_RIM_OPEN */
-    int *first;   /* [loop_count] an edge of it */
-} sbi_rim_border;
-
-enum { SBI_RIM_OPEN = -1, SBI_RIM_UNSEEN = -2 };
-
-/* Scratch of a call. */
-typedef struct sbi_rim {
-    sbi_rim_border seams, lips;
-    int *edge_from;  /* [vertices] edge that begins at a point, or -1 */
-    int *cell_loops; /* [cells] a loop of lips that the cell has an edge of, or -1 */
-    int *votes;      /* [loops of lips] edges of a seam that cells of it have */
-    int *is_taken;   /* [loops of lips] */
-    int *path;       /* [edges of lips] vertices of a loop, backwards */
-    int *table;      /* [2 table_size] 1 + first, and second point of sides of the coarse skin's triangles */
-    int table_size;
-} sbi_rim;
-
-/* ---- scratch ---- */
-
-static int sbi_rim_table_size(const sb_cut_drawing *drawing)
-{
-    int64_t size = 64;
-    while (size < 6 * (int64_t)drawing->triangle_count)
-        size *= 2;
-    return size < INT32_MAX / 2 ? (int)size : 0;
-}
-
-/* 0: no memory. */
-static int sbi_rim_take(sb_cut_fine *fine, const sb_cut_drawing *drawing, sbi_rim *rim)
-{
-    size_t border = (size_t)fine->border_room, vertices = (size_t)fine->next.vertex_room, needed, table;
-    size_t cells = (size_t)sb_body_element_count(fine->cut->body);
-    int *at;
-    memset(rim, 0, sizeof *rim);
-    rim->table_size = sbi_rim_table_size(drawing);
-    table = 2 * (size_t)rim->table_size;
-    needed = 9 * border + vertices + cells + table;
-    if (!rim->table_size)
-        return 0;
-    if (needed > fine->scratch_room) {
-        sbi_free(&fine->allocator, fine->scratch);
-        fine->scratch = (int *)sbi_alloc(&fine->allocator, needed + needed / 4, sizeof(int));
-        fine->scratch_room = fine->scratch ? needed + needed / 4 : 0;
-        if (!fine->scratch)
-            return 0;
-    }
-    at = fine->scratch;
-    rim->seams.next = at, at += border;
-    rim->seams.loop_of = at, at += border;
-    rim->seams.first = at, at += border;
-    rim->lips.next = at, at += border;
-    rim->lips.loop_of = at, at += border;
-    rim->lips.first = at, at += border;
-    rim->votes = at, at += border;
-    rim->is_taken = at, at += border;
-    rim->path = at, at += border;
-    rim->edge_from = at, at += vertices;
-    rim->cell_loops = at, at += cells;
-    rim->table = at;
-    memset(rim->cell_loops, -1, cells * sizeof(int));
-    memset(rim->table, 0, table * sizeof(int));
-    return 1;
-}
+enum { SBI_RIM_STEPS = 32 }; /* of a way between the points of two neighbours, at most; it goes straight then */
 
 /* ---- lips and walls ---- */
 
-/* Where a side from one point to another is in the table, or belongs. */
-static int sbi_rim_slot(const sbi_rim *rim, int from, int to)
-{
-    unsigned mask = (unsigned)rim->table_size - 1;
-    uint64_t mixed = (((uint64_t)(unsigned)from << 32) ^ (unsigned)to) * UINT64_C(0x9e3779b97f4a7c15);
-    unsigned slot = (unsigned)(mixed >> 32) & mask;
-    while (rim->table[2 * (size_t)slot] &&
-           (rim->table[2 * (size_t)slot] != from + 1 || rim->table[2 * (size_t)slot + 1] != to))
-        slot = (slot + 1) & mask;
-    return (int)slot;
-}
-
 static int sbi_rim_is_drawn(const sb_cut_drawing *drawing, int f)
 {
-    return drawing->triangles[f][0] != drawing->triangles[f][1];
-}
-
-static void sbi_rim_list_sides(const sbi_rim *rim, const sb_cut_drawing *drawing)
-{
-    for (int f = 0; f < drawing->triangle_count; f++)
-        for (int k = 0; k < 3 && drawing->tags[f] == SB_CUT_SKIN && sbi_rim_is_drawn(drawing, f); k++) {
-            int from = drawing->points[drawing->triangles[f][k]];
-            int to = drawing->points[drawing->triangles[f][(k + 1) % 3]], slot = sbi_rim_slot(rim, from, to);
-            rim->table[2 * (size_t)slot] = from + 1;
-            rim->table[2 * (size_t)slot + 1] = to;
-        }
+    return drawing->tags[f] != SB_CUT_SKIN && drawing->triangles[f][0] != drawing->triangles[f][1];
 }
 
 /* Room for the numbers that vertices and points of the surface have here; 0: no memory. */
@@ -140,104 +53,200 @@ static int sbi_rim_lip_vertex(sb_cut_fine *fine, const sb_cut_drawing *drawing, 
     return *number;
 }
 
-/* All that is inside the body, and which of its edges are on the coarse skin. */
-static void sbi_rim_add_lips(sb_cut_fine *fine, const sbi_rim *rim, const sb_cut_drawing *drawing)
+/* All that is inside the body, and in the chain its sides, which cancel but at the borders. */
+static void sbi_rim_add_lips(sb_cut_fine *fine, sbi_rim *rim, const sb_cut_drawing *drawing)
 {
+    rim->first_lip = fine->next.triangle_count;
     for (int f = 0; f < drawing->triangle_count; f++) {
         const int *v = drawing->triangles[f];
         int at[3], cell = drawing->cells[f];
-        if (drawing->tags[f] == SB_CUT_SKIN || !sbi_rim_is_drawn(drawing, f))
+        if (!sbi_rim_is_drawn(drawing, f))
             continue;
         for (int k = 0; k < 3; k++)
             at[k] = sbi_rim_lip_vertex(fine, drawing, v[k], cell);
         sbi_fine_add_triangle(fine, at[0], at[1], at[2], drawing->tags[f], cell);
+        for (int k = 0; k < 3; k++)
+            sbi_rim_chain_add(&rim->chain, fine->next.points[at[k]], fine->next.points[at[(k + 1) % 3]]);
+    }
+    rim->lip_end = fine->next.triangle_count;
+}
+
+/* ---- borders of lips ---- */
+
+/* Number of a point of the borders, at which a lip that moves with this cell has a vertex. */
+static int sbi_rim_add_point(const sb_cut_fine *fine, sbi_rim *rim, int vertex, int cell)
+{
+    int *number = rim->number_of + fine->next.points[vertex];
+    if (*number < 0) {
+        *number = rim->point_count;
+        rim->cell_of[rim->point_count] = cell;
+        rim->vertex_of[rim->point_count++] = vertex;
+    }
+    return *number;
+}
+
+/* Lists the sides of lips that nothing goes along the other way. */
+static void sbi_rim_list_borders(sb_cut_fine *fine, sbi_rim *rim)
+{
+    const sbi_fine_arrays *next = &fine->next;
+    memset(rim->number_of, -1, (size_t)next->vertex_count * sizeof(int));
+    rim->point_count = fine->lip_edge_count = 0;
+    for (int f = rim->first_lip; f < rim->lip_end; f++)
         for (int k = 0; k < 3; k++) {
-            int next = (k + 1) % 3, slot = sbi_rim_slot(rim, drawing->points[v[next]], drawing->points[v[k]]);
+            int from = next->triangles[f][k], to = next->triangles[f][(k + 1) % 3];
             sbi_fine_border *edge = fine->lip_edges + fine->lip_edge_count;
-            if (!rim->table[2 * (size_t)slot])
+            if (!sbi_rim_chain_list(&rim->chain, next->points[from], next->points[to]))
                 continue;
-            edge->from = at[k], edge->to = at[next], edge->cell = cell;
-            fine->lip_edge_count++;
+            edge->cell = next->cells[f];
+            edge->from = sbi_rim_add_point(fine, rim, from, edge->cell);
+            edge->to = sbi_rim_add_point(fine, rim, to, edge->cell);
+            rim->tet_of[fine->lip_edge_count++] = next->places[from].tet;
         }
-    }
 }
 
-/* ---- loops ---- */
-
-/* Follows edges from one on, gives them a number, and takes it back where they do not come to it again. */
-static void sbi_rim_follow(sbi_rim_border *border, int edge)
+/* Borders as a graph: the points beside each, and edges by the nodes of their cells. */
+static void sbi_rim_index_borders(const sb_cut_fine *fine, sbi_rim *rim)
 {
-    int number = border->loop_count, at = edge;
-    while (at >= 0 && border->loop_of[at] == SBI_RIM_UNSEEN) {
-        border->loop_of[at] = number;
-        at = border->next[at];
+    int count = fine->lip_edge_count, nodes = sb_body_node_count(fine->cut->body);
+    memset(rim->beside_at, 0, ((size_t)rim->point_count + 2) * sizeof(int));
+    memset(rim->edges_at, 0, ((size_t)nodes + 2) * sizeof(int));
+    for (int e = 0; e < count; e++) {
+        const sbi_fine_border *edge = fine->lip_edges + e;
+        const int *corners = sb_body_cell_nodes(fine->cut->body, edge->cell);
+        rim->beside_at[edge->from + 2]++;
+        rim->beside_at[edge->to + 2]++;
+        for (int a = 0; a < 4; a++)
+            rim->edges_at[corners[a] + 2]++;
     }
-    if (at == edge) {
-        border->first[border->loop_count++] = edge;
-        return;
+    for (int i = 0; i < rim->point_count; i++)
+        rim->beside_at[i + 2] += rim->beside_at[i + 1];
+    for (int i = 0; i < nodes; i++)
+        rim->edges_at[i + 2] += rim->edges_at[i + 1];
+    for (int e = 0; e < count; e++) {
+        const sbi_fine_border *edge = fine->lip_edges + e;
+        const int *corners = sb_body_cell_nodes(fine->cut->body, edge->cell);
+        rim->beside[rim->beside_at[edge->from + 1]++] = edge->to;
+        rim->beside[rim->beside_at[edge->to + 1]++] = edge->from;
+        for (int a = 0; a < 4; a++)
+            rim->edges_of[rim->edges_at[corners[a] + 1]++] = e;
     }
-    for (at = edge; at >= 0 && border->loop_of[at] == number; at = border->next[at])
-        border->loop_of[at] = SBI_RIM_OPEN;
+    memset(rim->seen, 0, (size_t)rim->point_count * sizeof(int));
+    rim->search = 0;
 }
 
-static void sbi_rim_find_loops(const int *points, int *edge_from, sbi_rim_border *border)
+static sb_real sbi_rim_gap(const sb_cut_fine *fine, int a, int b)
 {
-    border->loop_count = 0;
-    for (int e = 0; e < border->edge_count; e++)
-        edge_from[points[border->edges[e].from]] = edge_from[points[border->edges[e].to]] = -1;
-    for (int e = 0; e < border->edge_count; e++) {
-        int *from = edge_from + points[border->edges[e].from];
-        *from = *from < 0 ? e : *from; /* where a border meets itself one way is left open */
-        border->loop_of[e] = SBI_RIM_UNSEEN;
-    }
-    for (int e = 0; e < border->edge_count; e++)
-        border->next[e] = edge_from[points[border->edges[e].to]];
-    for (int e = 0; e < border->edge_count; e++)
-        if (border->loop_of[e] == SBI_RIM_UNSEEN)
-            sbi_rim_follow(border, e);
+    return sb_v3_norm(sb_v3_sub(fine->next.rest[a], fine->next.rest[b]));
 }
 
-static int sbi_rim_length(const sbi_rim_border *border, int loop)
+/* The point of the borders that is nearest to a vertex of a seam, of pieces that hang together with its own, or -1. */
+static int sbi_rim_nearest(const sb_cut_fine *fine, const sbi_rim *rim, int vertex)
 {
-    int length = 1, first = border->first[loop];
-    for (int e = border->next[first]; e != first; e = border->next[e])
-        length++;
-    return length;
-}
-
-/* The loop of lips that is not taken yet and has most of the cells of a seam, or -1. */
-static int sbi_rim_partner(const sbi_rim *rim, int loop)
-{
-    int first = rim->seams.first[loop], e = first, best = -1;
-    memset(rim->votes, 0, (size_t)rim->lips.loop_count * sizeof(int));
-    do {
-        int other = rim->cell_loops[rim->seams.edges[e].cell];
-        if (other >= 0)
-            rim->votes[other]++;
-        e = rim->seams.next[e];
-    } while (e != first);
-    for (int i = 0; i < rim->lips.loop_count; i++)
-        if (!rim->is_taken[i] && rim->votes[i] > (best < 0 ? 0 : rim->votes[best]))
-            best = i;
+    const sbi_fine_place *place = fine->next.places + vertex;
+    const int *corners = sb_body_cell_nodes(fine->cut->body, place->cell);
+    sb_real least = SB_REAL_MAX;
+    int best = -1;
+    for (int a = 0; a < 4; a++)
+        for (int k = rim->edges_at[corners[a]]; k < rim->edges_at[corners[a] + 1]; k++) {
+            int e = rim->edges_of[k], point = fine->lip_edges[e].from;
+            sb_real gap = sbi_rim_gap(fine, vertex, rim->vertex_of[point]);
+            sbi_fine_place there;
+            there.tet = rim->tet_of[e];
+            there.cell = fine->lip_edges[e].cell;
+            if (gap < least && !sbi_fine_are_apart(fine->cut, place, &there)) {
+                least = gap;
+                best = point;
+            }
+        }
     return best;
 }
 
-/* ---- rims ---- */
+/* ---- ways along borders ---- */
 
-/* Vertices of a loop of lips, backwards from the one that is nearest to a place; returns how many. */
-static int sbi_rim_list_path(const sb_cut_fine *fine, const sbi_rim *rim, int loop, sb_vec3 from)
+/* The shortest way between two points, all but the first of them, into `way`; returns how many. One that is too long,
+ * or is not there, goes straight. */
+static int sbi_rim_find_way(sbi_rim *rim, int from, int to, int way[SBI_RIM_STEPS])
 {
-    const sb_vec3 *rest = fine->next.rest;
-    int count = sbi_rim_length(&rim->lips, loop), nearest = rim->lips.first[loop], e = nearest;
-    for (int i = 0; i < count; i++, e = rim->lips.next[e])
-        if (sb_v3_norm(sb_v3_sub(rest[rim->lips.edges[e].from], from)) <
-            sb_v3_norm(sb_v3_sub(rest[rim->lips.edges[nearest].from], from)))
-            nearest = e;
-    e = nearest;
-    for (int i = count; i-- > 0; e = rim->lips.next[e])
-        rim->path[(i + 1) % count] = rim->lips.edges[e].from;
+    int begin = 0, end = 0, count = 0;
+    rim->search++;
+    rim->seen[from] = rim->search;
+    rim->depth[from] = 0;
+    rim->queue[end++] = from;
+    while (begin < end && rim->seen[to] != rim->search) {
+        int at = rim->queue[begin++];
+        if (rim->depth[at] == SBI_RIM_STEPS)
+            break;
+        for (int k = rim->beside_at[at]; k < rim->beside_at[at + 1]; k++) {
+            int next = rim->beside[k];
+            if (rim->seen[next] == rim->search)
+                continue;
+            rim->seen[next] = rim->search;
+            rim->came_from[next] = at;
+            rim->depth[next] = rim->depth[at] + 1;
+            rim->queue[end++] = next;
+        }
+    }
+    if (rim->seen[to] != rim->search) {
+        way[0] = to;
+        return 1;
+    }
+    count = rim->depth[to];
+    for (int i = count; i-- > 0; to = rim->came_from[to])
+        way[i] = to;
     return count;
 }
+
+/* Goes on from the walk's end to a point. What goes there and back at once is not gone: vertices of the seam that were
+ * at its tip, all before number i, are at its foot. */
+static void sbi_rim_walk_to(sbi_rim *rim, int i, int point)
+{
+    int way[SBI_RIM_STEPS], count = 0;
+    if (rim->walk[rim->walk_count - 1] != point)
+        count = sbi_rim_find_way(rim, rim->walk[rim->walk_count - 1], point, way);
+    for (int k = 0; k < count; k++) {
+        int last = rim->walk_count - 1;
+        if (last == 0 || rim->walk[last - 1] != way[k]) {
+            rim->walk[rim->walk_count++] = way[k];
+            continue;
+        }
+        for (int j = i; j-- > 0 && rim->position[j] == last;)
+            rim->position[j] = last - 1;
+        rim->walk_count--;
+    }
+    rim->position[i] = rim->walk_count - 1;
+}
+
+/* Points that the vertices of a seam go to; those that have none go where the one before them does. 0: nowhere. */
+static int sbi_rim_find_points(const sb_cut_fine *fine, sbi_rim *rim)
+{
+    int count = rim->seam_count, last = -1;
+    for (int i = 0; i < count; i++) {
+        rim->goes_to[i] = sbi_rim_nearest(fine, rim, rim->seam[i]);
+        last = rim->goes_to[i] >= 0 ? rim->goes_to[i] : last;
+    }
+    for (int i = 0; i < count; i++)
+        last = rim->goes_to[i] = rim->goes_to[i] >= 0 ? rim->goes_to[i] : last;
+    return last >= 0;
+}
+
+/* The walk along the borders beside a seam: from walk[*first] to the last one. */
+static void sbi_rim_walk_along(sbi_rim *rim, int *first)
+{
+    rim->walk[0] = rim->goes_to[0];
+    rim->walk_count = 1;
+    rim->position[0] = *first = 0;
+    for (int i = 1; i < rim->seam_count; i++)
+        sbi_rim_walk_to(rim, i, rim->goes_to[i]);
+    if (!rim->is_closed)
+        return;
+    sbi_rim_walk_to(rim, rim->seam_count, rim->goes_to[0]);
+    while (rim->walk_count - *first > 2 && rim->walk[*first + 1] == rim->walk[rim->walk_count - 2]) {
+        ++*first;
+        rim->walk_count--;
+    }
+}
+
+/* ---- rims ---- */
 
 /* A vertex of the rim where the skin has one: with a normal of its own. */
 static int sbi_rim_copy(sb_cut_fine *fine, int vertex)
@@ -249,89 +258,194 @@ static int sbi_rim_copy(sb_cut_fine *fine, int vertex)
     return copy;
 }
 
-static sb_real sbi_rim_gap(const sb_cut_fine *fine, int a, int b)
+/* Where in the walk a vertex of the seam is. */
+static int sbi_rim_position(const sbi_rim *rim, int first, int i)
 {
-    return sb_v3_norm(sb_v3_sub(fine->next.rest[a], fine->next.rest[b]));
+    return sbi_min_int(sbi_max_int(rim->position[i], first), rim->walk_count - 1);
 }
 
-/* Around a loop (m); 1 where it has no length. */
-static sb_real sbi_rim_way(const sb_cut_fine *fine, const sbi_rim_border *border, int loop)
+/* Triangles between a seam and its walk: on along either of them, by the shorter diagonal. */
+static void sbi_rim_zip(sb_cut_fine *fine, sbi_rim *rim, int first, const int *cells)
 {
-    int first = border->first[loop], e = first;
-    sb_real sum = 0;
-    do {
-        sum += sbi_rim_gap(fine, border->edges[e].from, border->edges[e].to);
-        e = border->next[e];
-    } while (e != first);
-    return sum > 0 ? sum : 1;
-}
-
-/* How far a rim has come: shares of the way around both borders. */
-typedef struct sbi_rim_progress {
-    sb_real seam, lips, seam_way, lips_way;
-} sbi_rim_progress;
-
-/* 1 when the seam is to go on to its next vertex, 0 when the lips are: by the shorter diagonal, but for borders that
- * would get ahead of each other by a sixteenth of their way. */
-static int sbi_rim_goes_on(const sb_cut_fine *fine, const sbi_rim_progress *progress, const int seam[2],
-                           const int lips[2])
-{
-    const sb_real most = (sb_real)0.0625;
-    sb_real next_seam = progress->seam + sbi_rim_gap(fine, seam[0], seam[1]) / progress->seam_way;
-    sb_real next_lips = progress->lips + sbi_rim_gap(fine, lips[0], lips[1]) / progress->lips_way;
-    if (next_seam - progress->lips > most || next_lips - progress->seam > most)
-        return next_seam < next_lips;
-    return sbi_rim_gap(fine, seam[1], lips[0]) <= sbi_rim_gap(fine, seam[0], lips[1]);
-}
-
-/* Closes what is between a seam and a loop of lips, along both. */
-static void sbi_rim_join(sb_cut_fine *fine, const sbi_rim *rim, int loop, int partner)
-{
-    int first = rim->seams.first[loop], length = sbi_rim_length(&rim->seams, loop), e = first, i = 0, j = 0;
-    int count = sbi_rim_list_path(fine, rim, partner, fine->next.rest[rim->seams.edges[first].from]);
-    int begin = sbi_rim_copy(fine, rim->seams.edges[first].from), seam[2];
-    sbi_rim_progress progress;
-    progress.seam = progress.lips = 0;
-    progress.seam_way = sbi_rim_way(fine, &rim->seams, loop);
-    progress.lips_way = sbi_rim_way(fine, &rim->lips, partner);
-    seam[0] = begin;
-    seam[1] = length == 1 ? begin : sbi_rim_copy(fine, rim->seams.edges[e].to);
-    while (i < length || j < count) {
-        int lips[2], goes_on;
-        lips[0] = rim->path[j % count], lips[1] = rim->path[(j + 1) % count];
-        goes_on = j == count || (i < length && sbi_rim_goes_on(fine, &progress, seam, lips));
-        if (!goes_on) {
-            sbi_fine_add_triangle(fine, seam[0], lips[0], lips[1], SB_CUT_RIM, rim->seams.edges[e].cell);
-            progress.lips += sbi_rim_gap(fine, lips[0], lips[1]) / progress.lips_way;
-            j++;
-            continue;
+    int steps = rim->seam_count - !rim->is_closed, at = first, end = rim->walk_count - 1, i = 0;
+    for (int k = 0; k < rim->seam_count; k++)
+        rim->seam[k] = sbi_rim_copy(fine, rim->seam[k]);
+    while (i < steps || at < end) {
+        int seam = rim->seam[i % rim->seam_count], next_seam = rim->seam[(i + 1) % rim->seam_count];
+        int lip = rim->vertex_of[rim->walk[at]], next_lip = rim->vertex_of[rim->walk[sbi_min_int(at + 1, end)]];
+        int cell = cells[sbi_min_int(i, steps - 1)], goes_on = i < steps && at >= sbi_rim_position(rim, first, i);
+        if (goes_on && at < end && at < sbi_rim_position(rim, first, i + 1))
+            goes_on = sbi_rim_gap(fine, next_seam, lip) <= sbi_rim_gap(fine, seam, next_lip);
+        if (goes_on) {
+            sbi_fine_add_triangle(fine, next_seam, seam, lip, SB_CUT_RIM, cell);
+            i++;
+        } else {
+            sbi_fine_add_triangle(fine, seam, lip, next_lip, SB_CUT_RIM, cell);
+            at++;
         }
-        sbi_fine_add_triangle(fine, seam[1], seam[0], lips[0], SB_CUT_RIM, rim->seams.edges[e].cell);
-        progress.seam += sbi_rim_gap(fine, seam[0], seam[1]) / progress.seam_way;
-        seam[0] = seam[1];
-        i++;
-        e = i < length ? rim->seams.next[e] : e;
-        if (i < length)
-            seam[1] = i + 1 == length ? begin : sbi_rim_copy(fine, rim->seams.edges[e].to);
     }
 }
 
-/* Finds what belongs together, joins it, and counts what is left open. */
-static void sbi_rim_join_all(sb_cut_fine *fine, sbi_rim *rim)
+/* Closes a seam: by a rim, or where no border is beside it by a cap. 0: no memory. */
+static int sbi_rim_close_seam(sb_cut_fine *fine, sbi_rim *rim, const int *cells)
 {
-    fine->open_edges = fine->seam_edge_count + fine->lip_edge_count;
-    for (int e = 0; e < rim->lips.edge_count; e++)
-        if (rim->lips.loop_of[e] >= 0)
-            rim->cell_loops[rim->lips.edges[e].cell] = rim->lips.loop_of[e];
-    memset(rim->is_taken, 0, (size_t)rim->lips.loop_count * sizeof(int));
-    for (int loop = 0; loop < rim->seams.loop_count; loop++) {
-        int partner = sbi_rim_partner(rim, loop);
-        if (partner < 0)
-            continue;
-        rim->is_taken[partner] = 1;
-        fine->open_edges -= sbi_rim_length(&rim->seams, loop) + sbi_rim_length(&rim->lips, partner);
-        sbi_rim_join(fine, rim, loop, partner);
+    int first = 0, count = rim->seam_count;
+    if (!sbi_rim_find_points(fine, rim)) {
+        if (!rim->is_closed) {
+            rim->open_edges += count - 1;
+            return 1;
+        }
+        if (!sbi_fine_reserve_triangles(fine, count))
+            return 0;
+        for (int i = 0; i < count; i++)
+            rim->walk[i] = sbi_rim_copy(fine, rim->seam[count - 1 - i]);
+        sbi_rim_cap(fine, rim->walk, count, cells[0], rim->ring);
+        return 1;
     }
+    sbi_rim_walk_along(rim, &first);
+    if (!sbi_fine_reserve_triangles(fine, count + rim->walk_count))
+        return 0;
+    for (int k = first; k + 1 < rim->walk_count; k++)
+        sbi_rim_chain_step(fine, rim, rim->walk[k], rim->walk[k + 1]);
+    sbi_rim_zip(fine, rim, first, cells);
+    rim->open_edges += rim->is_closed ? 0 : 2;
+    return 1;
+}
+
+/* ---- seams ---- */
+
+/* Edges by the vertices that they begin at. Vertices that more edges begin than end at begin a seam that is open. */
+static void sbi_rim_index_seams(const sb_cut_fine *fine, sbi_rim *rim)
+{
+    for (int e = 0; e < fine->seam_edge_count; e++) {
+        const sbi_fine_border *edge = fine->seam_edges + e;
+        rim->edge_from[edge->from] = rim->edge_from[edge->to] = -1;
+        rim->excess[edge->from] = rim->excess[edge->to] = 0;
+    }
+    for (int e = fine->seam_edge_count; e-- > 0;) {
+        const sbi_fine_border *edge = fine->seam_edges + e;
+        rim->next_from[e] = rim->edge_from[edge->from];
+        rim->edge_from[edge->from] = e;
+        rim->excess[edge->from]++;
+        rim->excess[edge->to]--;
+    }
+}
+
+/* Follows a seam from a vertex as far as it goes, and closes it; 0: no memory. */
+static int sbi_rim_follow(sb_cut_fine *fine, sbi_rim *rim, int vertex)
+{
+    int start = vertex, *cells = rim->cells, count = 0;
+    while (rim->edge_from[vertex] >= 0) {
+        int e = rim->edge_from[vertex];
+        rim->edge_from[vertex] = rim->next_from[e];
+        rim->seam[count] = vertex;
+        cells[count++] = fine->seam_edges[e].cell;
+        vertex = fine->seam_edges[e].to;
+    }
+    rim->is_closed = vertex == start;
+    if (!rim->is_closed)
+        rim->seam[count++] = vertex;
+    rim->seam_count = count;
+    return count == 0 || sbi_rim_close_seam(fine, rim, cells);
+}
+
+/* Closes all seams, those that are open first; 0: no memory. */
+static int sbi_rim_close_seams(sb_cut_fine *fine, sbi_rim *rim)
+{
+    sbi_rim_index_seams(fine, rim);
+    for (int open = 1; open >= 0; open--)
+        for (int e = 0; e < fine->seam_edge_count; e++) {
+            int from = fine->seam_edges[e].from;
+            if (open && rim->excess[from] <= 0)
+                continue;
+            rim->excess[from] -= open;
+            if (rim->edge_from[from] >= 0 && !sbi_rim_follow(fine, rim, from))
+                return 0;
+        }
+    return 1;
+}
+
+/* ---- scratch ---- */
+
+/* Lists of a call, one behind the other; at NULL: they are only counted. Returns how many numbers there are. */
+static size_t sbi_rim_share_out(const sb_cut_fine *fine, sbi_rim *rim, size_t lips, int *at)
+{
+    size_t seams = (size_t)fine->seam_edge_count + 2, border = 3 * lips + 2, steps = border + SBI_RIM_STEPS * seams;
+    size_t vertices = (size_t)fine->next.vertex_room, nodes = (size_t)sb_body_node_count(fine->cut->body) + 2;
+    int *slots = NULL;
+    struct {
+        int **list;
+        size_t size;
+    } lists[] = {{&slots, (size_t)rim->chain.size * SBI_RIM_SLOT},
+                 {&rim->number_of, vertices},
+                 {&rim->edge_from, vertices},
+                 {&rim->excess, vertices},
+                 {&rim->vertex_of, border},
+                 {&rim->cell_of, border},
+                 {&rim->tet_of, border},
+                 {&rim->beside_at, border + 2},
+                 {&rim->beside, 2 * border},
+                 {&rim->edges_at, nodes},
+                 {&rim->edges_of, 4 * border},
+                 {&rim->seen, border},
+                 {&rim->depth, border},
+                 {&rim->came_from, border},
+                 {&rim->queue, border},
+                 {&rim->next_from, seams},
+                 {&rim->seam, seams},
+                 {&rim->cells, seams},
+                 {&rim->goes_to, seams},
+                 {&rim->position, seams},
+                 {&rim->walk, steps},
+                 {&rim->jumps, 2 * seams},
+                 {&rim->rest_from, border},
+                 {&rim->rest_to, steps},
+                 {&rim->rest_next, steps},
+                 {&rim->stacked, border},
+                 {&rim->stack, border},
+                 {&rim->ring, border + seams}};
+    size_t used = 0;
+    for (size_t i = 0; i < sizeof lists / sizeof lists[0]; used += lists[i++].size)
+        if (at)
+            *lists[i].list = at + used;
+    rim->chain.slots = (int(*)[SBI_RIM_SLOT])slots;
+    return used;
+}
+
+/* 0: no memory. */
+static int sbi_rim_take(sb_cut_fine *fine, const sb_cut_drawing *drawing, sbi_rim *rim)
+{
+    int64_t lips = 0, chain = 64;
+    size_t needed;
+    memset(rim, 0, sizeof *rim);
+    for (int f = 0; f < drawing->triangle_count; f++)
+        lips += sbi_rim_is_drawn(drawing, f);
+    while (chain < 6 * lips + 2 * (int64_t)fine->seam_edge_count)
+        chain *= 2;
+    if (chain > INT32_MAX / 8)
+        return 0;
+    rim->chain.size = (int)chain;
+    needed = sbi_rim_share_out(fine, rim, (size_t)lips, NULL);
+    if (needed > fine->scratch_room) {
+        sbi_free(&fine->allocator, fine->scratch);
+        fine->scratch = (int *)sbi_alloc(&fine->allocator, needed + needed / 4, sizeof(int));
+        fine->scratch_room = fine->scratch ? needed + needed / 4 : 0;
+        if (!fine->scratch)
+            return 0;
+    }
+    (void)sbi_rim_share_out(fine, rim, (size_t)lips, fine->scratch);
+    memset(rim->chain.slots, 0, (size_t)chain * sizeof *rim->chain.slots);
+    return 1;
+}
+
+/* Edges of the skin's own border, and pieces of cut ones. */
+static int sbi_rim_count_own(const sb_cut_fine *fine)
+{
+    int count = 0;
+    for (int e = 0; e < fine->edge_count; e++)
+        for (int k = 0; k < (fine->is_cut[e] ? 2 : 1) && fine->is_border[e]; k++)
+            count += fine->places[fine->edges[e][k]].cell >= 0;
+    return count;
 }
 
 SBI_API int sbi_fine_close(sb_cut_fine *fine)
@@ -340,14 +454,11 @@ SBI_API int sbi_fine_close(sb_cut_fine *fine)
     sbi_rim rim;
     if (!sbi_rim_take(fine, &drawing, &rim) || !sbi_rim_reserve_lips(fine, drawing.vertex_count))
         return 0;
-    sbi_rim_list_sides(&rim, &drawing);
     sbi_rim_add_lips(fine, &rim, &drawing);
-    rim.seams.edges = fine->seam_edges;
-    rim.seams.edge_count = fine->seam_edge_count;
-    rim.lips.edges = fine->lip_edges;
-    rim.lips.edge_count = fine->lip_edge_count;
-    sbi_rim_find_loops(fine->next.points, rim.edge_from, &rim.seams);
-    sbi_rim_find_loops(fine->next.points, rim.edge_from, &rim.lips);
-    sbi_rim_join_all(fine, &rim);
+    sbi_rim_list_borders(fine, &rim);
+    sbi_rim_index_borders(fine, &rim);
+    if (!sbi_rim_close_seams(fine, &rim) || !sbi_rim_cap_rest(fine, &rim))
+        return 0;
+    fine->open_edges = rim.open_edges + sbi_rim_count_own(fine);
     return 1;
 }
