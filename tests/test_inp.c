@@ -139,6 +139,7 @@ static void test_mistakes(void)
 /* One mistake at a time. */
 static void test_refused(void)
 {
+    check_bad_numbers();
     check_refused("*INCLUDE, INPUT=test_inp.inp\n", 1, "includes itself");
     check_refused("*INCLUDE, INPUT=/etc/hostname\n", 1, "outside the folder");
     check_refused("*INCLUDE, INPUT=no/../../x.inp\n", 1, "outside the folder");
