@@ -17,10 +17,14 @@
 
 /* ---- what a case file may hold ------------------------------------------------------------------------- */
 
+/* Options as bits, see CASE_BIT. */
+typedef unsigned long long case_bits;
+
 /* What the value of an option, or a word, must be. */
 typedef enum case_type {
     CASE_TYPE_PATH,         /* a file to read, relative to the case file */
     CASE_TYPE_VECTOR,       /* X,Y,Z */
+    CASE_TYPE_SIX,          /* six numbers: two corners, or a point and a normal */
     CASE_TYPE_NUMBER,       /* any finite number */
     CASE_TYPE_POSITIVE,     /* a number > 0 */
     CASE_TYPE_STEP,         /* a number > 0, or `auto`, which is stored as 0 */
@@ -60,6 +64,14 @@ typedef enum case_key {
     CASE_PRESSURE_VALUE,
     CASE_CENTRAL_DT,
     CASE_LATTICE,
+    CASE_BOX,
+    CASE_PLANE,
+    CASE_NEAR,
+    CASE_DISTANCE,
+    CASE_WITHIN,
+    CASE_SCALE,
+    CASE_CELLS,
+    CASE_ELEMENTS,
     CASE_KEY_COUNT
 } case_key;
 
@@ -77,11 +89,17 @@ static const case_key_rule case_keys[CASE_KEY_COUNT] = {
     {"tol", CASE_TYPE_FRACTION},     {"iterations", CASE_TYPE_COUNT},   {"dt", CASE_TYPE_POSITIVE},
     {"end", CASE_TYPE_POSITIVE},     {"alpha", CASE_TYPE_NOT_NEGATIVE}, {"beta", CASE_TYPE_NOT_NEGATIVE},
     {"newton", CASE_TYPE_COUNT},     {"count", CASE_TYPE_COUNT},        {"value", CASE_TYPE_NUMBER},
-    {"dt", CASE_TYPE_STEP},          {"lattice", CASE_TYPE_LATTICE},
+    {"dt", CASE_TYPE_STEP},          {"lattice", CASE_TYPE_LATTICE},    {"box", CASE_TYPE_SIX},
+    {"plane", CASE_TYPE_SIX},        {"near", CASE_TYPE_PATH},          {"distance", CASE_TYPE_POSITIVE},
+    {"tol", CASE_TYPE_POSITIVE},     {"scale", CASE_TYPE_POSITIVE},     {"cells", CASE_TYPE_COUNT},
+    {"elements", CASE_TYPE_PATH},
 };
 
 typedef enum case_kind {
     CASE_MESH,
+    CASE_SURFACE,
+    CASE_STUFF,
+    CASE_SELECT,
     CASE_ELEMENT,
     CASE_MATERIAL,
     CASE_GRAVITY,
@@ -91,40 +109,57 @@ typedef enum case_kind {
     CASE_TRACTION,
     CASE_PRESSURE,
     CASE_SPRING,
+    CASE_EQUATION,
     CASE_CUT,
     CASE_SOLVE,
-    CASE_OUTPUT
+    CASE_OUTPUT,
+    CASE_EXPECT
 } case_kind;
 
 /* Codes of the solves that are no time integration; the others have that of an sb_integrator, which is > 0. */
 enum { CASE_STATIC = 0, CASE_MODES = -1 };
 enum { CASE_OUTPUT_DISPLACEMENT, CASE_OUTPUT_REACTION, CASE_OUTPUT_STRESS, CASE_OUTPUT_PROBE, CASE_OUTPUT_FREQUENCIES };
 
+/* What `select` picks. */
+enum { CASE_SELECT_NODES, CASE_SELECT_ELEMENTS, CASE_SELECT_FACES };
+
 enum { CASE_CUT_PLANE, CASE_CUT_POLYGON, CASE_CUT_SURFACE, CASE_CUT_BALL };
 
 /* One way to write a statement. Forms with the same keyword and variant differ in their options only. */
 typedef struct case_form {
     const char *keyword;
-    const char *variant;         /* the second word, or NULL: there is none */
-    const char *words;           /* further words: f FILE, e NAME of an element, a AXES, n number, i NODE */
-    unsigned required, optional; /* keys as bits */
+    const char *variant; /* the second word, or NULL: there is none */
+    const char *words;   /* further words: f FILE, s NAME of a selection, e NAME of an element, a AXES, n number,
+                          * i NODE */
+    case_bits required, optional; /* keys as bits */
     case_kind kind;
     int code; /* of a material, element, solve or output */
     int once; /* 1: at most one such keyword in a file */
 } case_form;
 
-#define CASE_BIT(key) (1u << (key))
+#define CASE_BIT(key) (1ull << (key))
 #define CASE_HOOKE (CASE_BIT(CASE_E) | CASE_BIT(CASE_NU) | CASE_BIT(CASE_DENSITY))
 #define CASE_ISOCHORIC (CASE_BIT(CASE_C10) | CASE_BIT(CASE_D1) | CASE_BIT(CASE_DENSITY))
-#define CASE_IN_REGION CASE_BIT(CASE_REGION)
+#define CASE_IN_REGION (CASE_BIT(CASE_REGION) | CASE_BIT(CASE_ELEMENTS))
 #define CASE_MOONEY (CASE_ISOCHORIC | CASE_BIT(CASE_C01))
 #define CASE_POLYNOMIAL (CASE_ISOCHORIC | CASE_BIT(CASE_C20))
 #define CASE_NODES_VALUE (CASE_BIT(CASE_NODES) | CASE_BIT(CASE_VALUE))
+#define CASE_NEAR_FILE (CASE_BIT(CASE_NEAR) | CASE_BIT(CASE_DISTANCE))
 #define CASE_TIMES (CASE_BIT(CASE_DT) | CASE_BIT(CASE_END))
 #define CASE_DAMPED (CASE_BIT(CASE_TOL) | CASE_BIT(CASE_ALPHA) | CASE_BIT(CASE_BETA))
 
 static const case_form case_forms[] = {
     {"mesh", NULL, "f", 0, 0, CASE_MESH, 0, 1},
+    {"surface", NULL, "f", 0, CASE_BIT(CASE_SCALE), CASE_SURFACE, 0, 1},
+    {"stuff", NULL, "", CASE_BIT(CASE_CELLS), 0, CASE_STUFF, 0, 1},
+    {"select", "nodes", "s", CASE_BIT(CASE_BOX), 0, CASE_SELECT, CASE_SELECT_NODES, 0},
+    {"select", "nodes", "s", CASE_BIT(CASE_PLANE), CASE_BIT(CASE_DISTANCE), CASE_SELECT, CASE_SELECT_NODES, 0},
+    {"select", "nodes", "s", CASE_NEAR_FILE, 0, CASE_SELECT, CASE_SELECT_NODES, 0},
+    {"select", "elements", "s", CASE_BIT(CASE_BOX), 0, CASE_SELECT, CASE_SELECT_ELEMENTS, 0},
+    {"select", "elements", "s", CASE_NEAR_FILE, 0, CASE_SELECT, CASE_SELECT_ELEMENTS, 0},
+    {"select", "faces", "s", CASE_BIT(CASE_BOX), 0, CASE_SELECT, CASE_SELECT_FACES, 0},
+    {"select", "faces", "s", CASE_BIT(CASE_PLANE), CASE_BIT(CASE_DISTANCE), CASE_SELECT, CASE_SELECT_FACES, 0},
+    {"select", "faces", "s", CASE_NEAR_FILE, 0, CASE_SELECT, CASE_SELECT_FACES, 0},
     {"element", NULL, "e", 0, 0, CASE_ELEMENT, 0, 1},
     {"material", "linear", "", CASE_HOOKE, CASE_IN_REGION, CASE_MATERIAL, SB_LINEAR, 0},
     {"material", "corotated", "", CASE_HOOKE, CASE_IN_REGION, CASE_MATERIAL, SB_COROTATED, 0},
@@ -145,6 +180,7 @@ static const case_form case_forms[] = {
     {"traction", NULL, "", CASE_BIT(CASE_FACES) | CASE_BIT(CASE_VALUE), 0, CASE_TRACTION, 0, 0},
     {"pressure", NULL, "", CASE_BIT(CASE_FACES) | CASE_BIT(CASE_PRESSURE_VALUE), 0, CASE_PRESSURE, 0, 0},
     {"spring", NULL, "", CASE_BIT(CASE_FILE), 0, CASE_SPRING, 0, 0},
+    {"equation", NULL, "", CASE_BIT(CASE_FILE), 0, CASE_EQUATION, 0, 0},
     {"cut", "plane", "nnnnnn", 0, CASE_BIT(CASE_LATTICE), CASE_CUT, CASE_CUT_PLANE, 0},
     {"cut", "polygon", "", CASE_BIT(CASE_FILE), CASE_BIT(CASE_LATTICE), CASE_CUT, CASE_CUT_POLYGON, 0},
     {"cut", "surface", "", CASE_BIT(CASE_FILE), CASE_BIT(CASE_LATTICE), CASE_CUT, CASE_CUT_SURFACE, 0},
@@ -161,6 +197,7 @@ static const case_form case_forms[] = {
     {"output", "stress", "f", 0, 0, CASE_OUTPUT, CASE_OUTPUT_STRESS, 0},
     {"output", "probe", "if", 0, 0, CASE_OUTPUT, CASE_OUTPUT_PROBE, 0},
     {"output", "frequencies", "f", 0, 0, CASE_OUTPUT, CASE_OUTPUT_FREQUENCIES, 0},
+    {"expect", "probe", "i", CASE_BIT(CASE_VALUE) | CASE_BIT(CASE_WITHIN), 0, CASE_EXPECT, 0, 0},
 };
 enum { CASE_FORM_COUNT = (int)(sizeof case_forms / sizeof case_forms[0]) };
 
@@ -192,7 +229,7 @@ typedef struct case_statement {
     int node;                        /* word NODE */
     int number_count;
     double numbers[6]; /* number words */
-    unsigned given;    /* options, as bits */
+    case_bits given;   /* options, as bits */
     const char *text[CASE_KEY_COUNT];
     double number[CASE_KEY_COUNT];
     sb_vec3 vector;              /* option value */
@@ -207,7 +244,17 @@ typedef struct case_statement {
     sb_real *stiffness; /* [count] of springs (N/m) */
     sb_vec3 *scaled;    /* [count] scratch: vectors times the ramp's share */
     int *faces;         /* [count][corners of a face] */
+    sb_real *values;    /* [count] right-hand sides (m) of equations */
+    int *term_counts;   /* [count] */
+    sb_constraint_term *terms; /* [term_count] of all equations, one after the other; the first of each is the slave */
+    int term_count, term_capacity;
 } case_statement;
+
+/* Messages, one a line, each with the file and line it is about. */
+typedef struct case_messages {
+    char *text; /* NULL: none */
+    int count, size, capacity;
+} case_messages;
 
 /* A case. case_read fills it; `mass` may be changed before case_create_body. */
 typedef struct case_file {
@@ -216,8 +263,8 @@ typedef struct case_file {
     int line_count;
     case_statement *statements;
     int statement_count, statement_capacity;
-    const case_statement *mesh_statement, *solve; /* always there */
-    const case_statement *element, *gravity;      /* or NULL */
+    const case_statement *mesh_statement, *solve;      /* always there */
+    const case_statement *element, *gravity, *surface; /* or NULL */
 
     sb_mesh mesh;
     sb_load_report mesh_report;   /* what loading it did */
@@ -233,7 +280,14 @@ typedef struct case_file {
 
     int mass; /* an sb_mass_kind, or -1 (unless changed): what suits the solve, see case_mass */
 
-    int error_line; /* line of the case file that `message` is about */
+    char **kept; /* [kept_count] texts of the case's own that statements point to */
+    int kept_count, kept_capacity;
+    int *node_numbers;    /* [node_count] what outputs call the nodes; NULL: their places, from 0 */
+    int *element_numbers; /* [element_count] likewise */
+
+    case_messages faults; /* all of them, where a format has them listed; `message` is then the first */
+    case_messages notes;  /* what was taken otherwise than it stands there, or left out */
+    int error_line;       /* line of the case file that `message` is about */
     char message[1024];
 } case_file;
 
@@ -286,6 +340,39 @@ static inline int case_reserve(void **items, int count, int *capacity, size_t si
     return 1;
 }
 
+/* A copy of a text that lives as long as the case; NULL when memory is short. */
+static inline const char *case_keep(case_file *c, const char *text)
+{
+    size_t size = strlen(text) + 1;
+    void *items = c->kept;
+    char *copy;
+    if (!case_reserve(&items, c->kept_count, &c->kept_capacity, sizeof *c->kept))
+        return NULL;
+    c->kept = (char **)items;
+    copy = (char *)malloc(size);
+    if (!copy)
+        return NULL;
+    c->kept[c->kept_count++] = copy;
+    return (const char *)memcpy(copy, text, size);
+}
+
+/* Adds a line `path:line: words`; forgotten where memory is short. */
+static inline void case_add_message(case_messages *m, const char *path, int line, const char *words)
+{
+    int length = snprintf(NULL, 0, "%s:%d: %s\n", path, line, words);
+    while (length > 0 && m->capacity - m->size <= length) {
+        void *text = m->text;
+        int capacity = m->capacity;
+        if (!case_reserve(&text, capacity, &capacity, 1))
+            return;
+        m->text = (char *)text;
+        m->capacity = capacity;
+    }
+    snprintf(m->text + m->size, (size_t)length + 1, "%s:%d: %s\n", path, line, words);
+    m->size += length;
+    m->count++;
+}
+
 static inline void case_free_statement(case_statement *s)
 {
     free(s->nodes);
@@ -293,6 +380,9 @@ static inline void case_free_statement(case_statement *s)
     free(s->stiffness);
     free(s->scaled);
     free(s->faces);
+    free(s->values);
+    free(s->term_counts);
+    free(s->terms);
 }
 
 /* Releases a case; safe on one that case_read refused. */
@@ -304,6 +394,13 @@ static inline void case_free(case_file *c)
     free(c->statements);
     free(c->region_materials);
     free(c->supports);
+    for (int i = 0; i < c->kept_count; i++)
+        free(c->kept[i]);
+    free(c->kept);
+    free(c->node_numbers);
+    free(c->element_numbers);
+    free(c->faults.text);
+    free(c->notes.text);
     free(c->text);
     free(c->path);
     sb_index_lists_free(&c->node_elements);
@@ -403,20 +500,28 @@ static inline int case_scan_integer(const char *word, int *value)
     return 1;
 }
 
+/* `count` numbers with commas between them. */
+static inline int case_scan_numbers(char *word, double *numbers, int count)
+{
+    for (int i = 0; i < count; i++) {
+        char *comma = strchr(word, ',');
+        if ((comma != NULL) != (i < count - 1))
+            return 0;
+        if (comma)
+            *comma = 0;
+        if (!case_scan_number(word, numbers + i))
+            return 0;
+        word = comma ? comma + 1 : word;
+    }
+    return 1;
+}
+
 /* X,Y,Z */
 static inline int case_scan_vector(char *word, sb_vec3 *value)
 {
     double parts[3];
-    for (int i = 0; i < 3; i++) {
-        char *comma = strchr(word, ',');
-        if ((comma != NULL) != (i < 2))
-            return 0;
-        if (comma)
-            *comma = 0;
-        if (!case_scan_number(word, parts + i))
-            return 0;
-        word = comma ? comma + 1 : word;
-    }
+    if (!case_scan_numbers(word, parts, 3))
+        return 0;
     *value = sb_v3((sb_real)parts[0], (sb_real)parts[1], (sb_real)parts[2]);
     return 1;
 }
@@ -442,6 +547,7 @@ static inline const char *case_word_name(char word)
 {
     switch (word) {
     case 'f': return "FILE";
+    case 's':
     case 'e': return "NAME";
     case 'a': return "AXES";
     case 'i': return "NODE";
@@ -540,6 +646,7 @@ static inline int case_parse_treatment(case_file *c, case_statement *s, const ch
 static inline int case_parse_word(case_file *c, case_statement *s, int kind, const char *word)
 {
     switch (kind) {
+    case 's':
     case 'f': s->path = word; return 1;
     case 'e': return case_parse_treatment(c, s, word);
     case 'a':
@@ -591,6 +698,10 @@ static inline int case_parse_value(case_file *c, case_statement *s, int key, cha
     if (type == CASE_TYPE_VECTOR)
         return case_scan_vector(value, &s->vector) ||
                case_fail(c, s->line, "%s= must be three finite numbers X,Y,Z", name);
+    if (type == CASE_TYPE_SIX)
+        return case_scan_numbers(value, s->numbers, 6) ||
+               case_fail(c, s->line, "%s= must be six finite numbers: %s", name,
+                         key == CASE_BOX ? "X0,Y0,Z0,X1,Y1,Z1" : "a point and a normal");
     if (type == CASE_TYPE_STEP && strcmp(value, "auto") == 0)
         return 1;
     if (type == CASE_TYPE_COUNT || type == CASE_TYPE_INTEGER || type == CASE_TYPE_LATTICE) {
@@ -636,7 +747,7 @@ static inline int case_find_key(const case_statement *s, const char *name)
 {
     int key = CASE_KEY_COUNT;
     for (int k = CASE_KEY_COUNT - 1; k >= 0; k--) {
-        unsigned known = 0;
+        case_bits known = 0;
         if (strcmp(case_keys[k].name, name) != 0)
             continue;
         for (int i = 0; i < CASE_FORM_COUNT; i++)
@@ -672,7 +783,7 @@ static inline int case_parse_option(case_file *c, case_statement *s, char *word)
 /* Picks the form that the given options fit. */
 static inline int case_choose_form(case_file *c, case_statement *s)
 {
-    unsigned known = 0, missing = 0;
+    case_bits known = 0, missing = 0;
     int fitting = 0;
     for (int i = 0; i < CASE_FORM_COUNT; i++) {
         const case_form *form = case_forms + i;
@@ -724,7 +835,13 @@ static inline int case_find_singles(case_file *c)
     for (int i = 0; i < c->statement_count; i++) {
         const case_statement *s = c->statements + i;
         switch (s->form->kind) {
-        case CASE_MESH: c->mesh_statement = s; break;
+        case CASE_MESH:
+        case CASE_STUFF:
+            if (c->mesh_statement)
+                return case_fail(c, s->line, "a second mesh; the first is in line %d", c->mesh_statement->line);
+            c->mesh_statement = s;
+            break;
+        case CASE_SURFACE: c->surface = s; break;
         case CASE_ELEMENT: c->element = s; break;
         case CASE_GRAVITY: c->gravity = s; break;
         case CASE_SOLVE: c->solve = s; break;
@@ -734,6 +851,9 @@ static inline int case_find_singles(case_file *c)
     }
     if (!c->mesh_statement)
         return case_fail(c, c->line_count, "there is no mesh statement");
+    if ((c->surface != NULL) != (c->mesh_statement->form->kind == CASE_STUFF))
+        return case_fail(c, c->surface ? c->surface->line : c->mesh_statement->line,
+                         "surface and stuff go together: stuff cells=N fills the surface with tets");
     if (!has_material)
         return case_fail(c, c->line_count, "there is no material statement");
     if (!c->solve)
@@ -917,6 +1037,69 @@ static inline int case_take_face_line(case_file *c, case_statement *s, char *lin
     return case_add_face(c, s, element, face);
 }
 
+/* Starts another equation of a statement. */
+static inline int case_add_equation(case_file *c, case_statement *s, sb_real value)
+{
+    void *values = s->values, *counts = s->term_counts;
+    int capacity = s->capacity, ok = case_reserve(&values, s->count, &capacity, sizeof *s->values);
+    s->values = (sb_real *)values;
+    ok = ok && case_reserve(&counts, s->count, &s->capacity, sizeof *s->term_counts);
+    s->term_counts = (int *)counts;
+    if (!ok)
+        return case_fail_memory(c, s->line);
+    s->values[s->count] = value;
+    s->term_counts[s->count++] = 0;
+    return 1;
+}
+
+/* Adds a term to the last equation. */
+static inline int case_add_term(case_file *c, case_statement *s, int node, int axis, sb_real coefficient)
+{
+    void *terms = s->terms;
+    if (!case_reserve(&terms, s->term_count, &s->term_capacity, sizeof *s->terms))
+        return case_fail_memory(c, s->line);
+    s->terms = (sb_constraint_term *)terms;
+    s->terms[s->term_count].node = node;
+    s->terms[s->term_count].axis = axis;
+    s->terms[s->term_count++].coefficient = coefficient;
+    s->term_counts[s->count - 1]++;
+    return 1;
+}
+
+/* One line of equations: VALUE NODE AXIS COEFFICIENT [NODE AXIS COEFFICIENT] ... */
+static inline int case_take_equation_line(case_file *c, case_statement *s, char *line)
+{
+    const char *word = case_next_word(&line);
+    double number;
+    if (!word || !case_scan_number(word, &number))
+        return case_fail(c, 0, "'%.80s' is no finite number", word ? word : "");
+    if (!case_add_equation(c, s, (sb_real)number))
+        return 0;
+    for (word = case_next_word(&line); word || s->term_counts[s->count - 1] == 0; word = case_next_word(&line)) {
+        int node = -1, axes;
+        if (!case_take_node(c, word, &node))
+            return 0;
+        word = case_next_word(&line);
+        axes = word ? case_scan_axes(word) : 0;
+        if (axes != SB_X && axes != SB_Y && axes != SB_Z)
+            return case_fail(c, 0, "'%.80s' is not an axis: write x, y or z", word ? word : "");
+        word = case_next_word(&line);
+        if (!word || !case_scan_number(word, &number))
+            return case_fail(c, 0, "'%.80s' is no finite number", word ? word : "");
+        if (!case_add_term(c, s, node, axes == SB_X ? 0 : axes == SB_Y ? 1 : 2, (sb_real)number))
+            return 0;
+    }
+    return 1;
+}
+
+/* One line of the list of a statement. */
+static inline int case_take_line(case_file *c, case_statement *s, char *line, unsigned char *seen)
+{
+    if (s->form->kind == CASE_EQUATION)
+        return case_take_equation_line(c, s, line);
+    return case_has_faces(s) ? case_take_face_line(c, s, line, seen) : case_take_node_line(c, s, line, seen);
+}
+
 /* Reads a list line by line; a complaint about a line gets the list's name and line number. */
 static inline int case_take_lines(case_file *c, case_statement *s, const char *path, char *text, unsigned char *seen)
 {
@@ -925,7 +1108,7 @@ static inline int case_take_lines(case_file *c, case_statement *s, const char *p
         int ok;
         if (!line[strspn(line, " \t\r")])
             continue;
-        ok = case_has_faces(s) ? case_take_face_line(c, s, line, seen) : case_take_node_line(c, s, line, seen);
+        ok = case_take_line(c, s, line, seen);
         if (!ok) {
             memcpy(message, c->message, sizeof message);
             return case_fail(c, s->line, "%.500s:%d: %.400s", path, number, message);
@@ -933,6 +1116,312 @@ static inline int case_take_lines(case_file *c, case_statement *s, const char *p
     }
     return s->count > 0 || case_fail(c, s->line, "%.500s: the list is empty", path);
 }
+
+/* ---- loading: the mesh --------------------------------------------------------------------------------- */
+
+/* A volume mesh without elements twice, of the element that the case names. */
+static inline int case_check_mesh(case_file *c)
+{
+    const case_statement *s = c->mesh_statement, *element = c->element;
+    sb_error error;
+    int duplicates;
+    if (sb_mesh_remove_duplicate_elements(&c->mesh, &duplicates, &error) != SB_OK)
+        return case_fail_library(c, s->line, &error);
+    if (duplicates > 0)
+        return case_fail(c, s->line, "the mesh has %d elements twice", duplicates);
+    if (sb_element_dimension(c->mesh.element_type) != 3)
+        return case_fail(c, s->line, "the mesh is a surface of %s; a volume mesh is needed",
+                         sb_element_name(c->mesh.element_type));
+    if (element && element->treatment->type != c->mesh.element_type)
+        return case_fail(c, element->line, "element %s does not fit the mesh, which has %s", element->treatment->name,
+                         sb_element_name(c->mesh.element_type));
+    return 1;
+}
+
+static inline int case_load_mesh_file(case_file *c)
+{
+    const case_statement *s = c->mesh_statement;
+    char *path = case_input_path(c, s->path);
+    sb_load_options options = sb_default_load_options();
+    sb_error error;
+    sb_result result;
+    if (!path)
+        return case_fail_memory(c, s->line);
+    options.report = &c->mesh_report;
+    result = sb_mesh_load(&c->mesh, path, &options, &error);
+    free(path);
+    if (result != SB_OK)
+        return case_fail_library(c, s->line, &error);
+    return case_check_mesh(c);
+}
+
+/* Loads the closed surface of an organ (m). */
+static inline int case_load_outer(case_file *c, sb_mesh *mesh)
+{
+    const case_statement *s = c->surface;
+    char *path = case_input_path(c, s->path);
+    sb_load_options options = sb_default_load_options();
+    sb_error error;
+    sb_result result;
+    if (!path)
+        return case_fail_memory(c, s->line);
+    if (s->given & CASE_BIT(CASE_SCALE))
+        options.scale = (sb_real)s->number[CASE_SCALE];
+    result = sb_mesh_load(mesh, path, &options, &error);
+    free(path);
+    return result == SB_OK || case_fail_library(c, s->line, &error);
+}
+
+/* Fills the surface with tets, as many along its longest side as asked for. */
+static inline int case_stuff(case_file *c)
+{
+    sb_stuff_def def = sb_default_stuff_def();
+    sb_shape shape;
+    sb_surface *surface = NULL;
+    sb_mesh outer;
+    sb_vec3 low, high;
+    sb_error error;
+    int ok;
+    memset(&shape, 0, sizeof shape);
+    memset(&outer, 0, sizeof outer);
+    if (c->mesh_statement->number[CASE_CELLS] > 1000)
+        return case_fail(c, c->mesh_statement->line, "cells=%g must be at most 1000",
+                         c->mesh_statement->number[CASE_CELLS]);
+    if (!case_load_outer(c, &outer))
+        return 0;
+    sb_mesh_bounds(&outer, &low, &high);
+    high = sb_v3_sub(high, low);
+    def.cell = sb_max(sb_max(high.x, high.y), high.z) / (sb_real)c->mesh_statement->number[CASE_CELLS];
+    def.shapes = &shape;
+    def.shape_count = 1;
+    ok = sb_surface_create(&outer, NULL, &surface, &error) == SB_OK || case_fail_library(c, c->surface->line, &error);
+    shape.surface = surface;
+    ok = ok && (sb_mesh_stuff(&def, &c->mesh, NULL, &error) == SB_OK ||
+                case_fail_library(c, c->mesh_statement->line, &error));
+    sb_surface_destroy(surface);
+    sb_mesh_free(&outer);
+    return ok && case_check_mesh(c);
+}
+
+static inline int case_load_mesh(case_file *c)
+{
+    const case_statement *s = c->mesh_statement;
+    if (s->form->kind == CASE_STUFF)
+        return case_stuff(c);
+    return case_load_mesh_file(c);
+}
+
+/* ---- loading: selections ------------------------------------------------------------------------------- */
+
+/* What a selection goes by: the surface that it is near, or NULL, and how far off what is on it may be (m). */
+typedef struct case_filter {
+    const case_statement *s;
+    sb_surface *surface;
+    sb_real slack;
+} case_filter;
+
+static inline int case_is_in(const case_filter *filter, sb_vec3 x)
+{
+    const double *n = filter->s->numbers;
+    sb_vec3 a = sb_v3((sb_real)n[0], (sb_real)n[1], (sb_real)n[2]),
+            b = sb_v3((sb_real)n[3], (sb_real)n[4], (sb_real)n[5]);
+    sb_real slack = filter->slack;
+    if (filter->surface)
+        return sb_surface_closest(filter->surface, x, slack, NULL);
+    if (filter->s->given & CASE_BIT(CASE_PLANE))
+        return sb_abs(sb_v3_dot(sb_v3_sub(x, a), b)) <= slack * sb_v3_norm(b);
+    return x.x >= a.x - slack && x.y >= a.y - slack && x.z >= a.z - slack && x.x <= b.x + slack && x.y <= b.y + slack &&
+           x.z <= b.z + slack;
+}
+
+/* 1 when the face belongs to one element only. */
+static inline int case_is_outside(const case_file *c, const int *cell, const int *local, int corners)
+{
+    const sb_index_lists *lists = &c->node_elements;
+    int width = sb_mesh_element_width(&c->mesh), owners = 0;
+    for (int k = lists->offsets[cell[local[0]]]; k < lists->offsets[cell[local[0]] + 1]; k++) {
+        const int *other = c->mesh.elements + (size_t)lists->items[k] * (size_t)width;
+        int common = 0;
+        for (int a = 0; a < corners; a++)
+            for (int b = 0; b < width; b++)
+                common += other[b] == cell[local[a]];
+        owners += common == corners;
+    }
+    return owners == 1;
+}
+
+static inline int case_select_place(case_file *c, case_statement *s, int place)
+{
+    if (!case_reserve_nodes(s))
+        return case_fail_memory(c, s->line);
+    s->vectors[s->count] = sb_v3(0, 0, 0);
+    s->nodes[s->count++] = place;
+    return 1;
+}
+
+/* Outer faces of an element whose corners are all in. */
+static inline int case_select_faces(case_file *c, case_statement *s, const case_filter *filter, int element)
+{
+    const int *cell = c->mesh.elements + (size_t)element * (size_t)sb_mesh_element_width(&c->mesh);
+    int corners = case_face_corners(c);
+    for (int face = 0; face < sb_element_face_count(c->mesh.element_type); face++) {
+        int local[SB_MAX_FACE_NODES], in = 1;
+        sb_element_face(c->mesh.element_type, face, local, NULL);
+        for (int a = 0; a < corners && in; a++)
+            in = case_is_in(filter, c->mesh.nodes[cell[local[a]]]);
+        if (in && case_is_outside(c, cell, local, corners) && !case_add_face(c, s, element, face))
+            return 0;
+    }
+    return 1;
+}
+
+/* Fills the list of a selection: elements by the mean of their corners. */
+static inline int case_select_all(case_file *c, case_statement *s, const case_filter *filter)
+{
+    const sb_mesh *mesh = &c->mesh;
+    int width = sb_mesh_element_width(mesh), corners = sb_element_corner_count(mesh->element_type), ok = 1;
+    int count = s->form->code == CASE_SELECT_NODES ? mesh->node_count : mesh->element_count;
+    for (int i = 0; i < count && ok; i++) {
+        sb_vec3 x = sb_v3(0, 0, 0);
+        if (s->form->code == CASE_SELECT_FACES) {
+            ok = case_select_faces(c, s, filter, i);
+            continue;
+        }
+        for (int a = 0; a < corners && s->form->code == CASE_SELECT_ELEMENTS; a++)
+            x = sb_v3_madd(x, 1 / (sb_real)corners, mesh->nodes[mesh->elements[(size_t)i * (size_t)width + (size_t)a]]);
+        if (case_is_in(filter, s->form->code == CASE_SELECT_NODES ? mesh->nodes[i] : x))
+            ok = case_select_place(c, s, i);
+    }
+    return ok && (s->count > 0 || case_fail(c, s->line, "no %s are there: the selection is empty", s->form->variant));
+}
+
+/* The surface that a selection is near. */
+static inline int case_load_near(case_file *c, const case_statement *s, sb_surface **surface)
+{
+    char *path = case_input_path(c, s->text[CASE_NEAR]);
+    sb_mesh mesh;
+    sb_error error;
+    sb_result result;
+    if (!path)
+        return case_fail_memory(c, s->line);
+    memset(&mesh, 0, sizeof mesh);
+    result = sb_mesh_load(&mesh, path, NULL, &error);
+    if (result == SB_OK)
+        result = sb_surface_create(&mesh, NULL, surface, &error);
+    sb_mesh_free(&mesh);
+    free(path);
+    return result == SB_OK || case_fail_library(c, s->line, &error);
+}
+
+static inline int case_load_selection(case_file *c, case_statement *s)
+{
+    case_filter filter = {s, NULL, 0};
+    sb_vec3 low, high;
+    sb_error error;
+    int ok = 1;
+    for (const case_statement *other = c->statements; other < s; other++)
+        if (other->form->kind == CASE_SELECT && other->form->code == s->form->code && strcmp(other->path, s->path) == 0)
+            return case_fail(c, s->line, "line %d selects %s %.80s already", other->line, s->form->variant, s->path);
+    sb_mesh_bounds(&c->mesh, &low, &high);
+    filter.slack = s->given & CASE_BIT(CASE_DISTANCE) ? (sb_real)s->number[CASE_DISTANCE]
+                                                      : (sb_real)1e-6 * sb_v3_norm(sb_v3_sub(high, low));
+    if (s->given & CASE_BIT(CASE_PLANE) && !(s->numbers[3] != 0 || s->numbers[4] != 0 || s->numbers[5] != 0))
+        return case_fail(c, s->line, "the normal of the plane has no length");
+    if (s->form->code == CASE_SELECT_FACES && !c->node_elements.offsets &&
+        sb_mesh_node_elements(&c->mesh, NULL, &c->node_elements, &error) != SB_OK)
+        return case_fail_library(c, s->line, &error);
+    if (s->given & CASE_BIT(CASE_NEAR))
+        ok = case_load_near(c, s, &filter.surface);
+    ok = ok && case_select_all(c, s, &filter);
+    sb_surface_destroy(filter.surface);
+    return ok;
+}
+
+static inline int case_load_selections(case_file *c)
+{
+    for (int i = 0; i < c->statement_count; i++)
+        if (c->statements[i].form->kind == CASE_SELECT && !case_load_selection(c, c->statements + i))
+            return 0;
+    return 1;
+}
+
+/* The selection that `@NAME` names; NULL and a complaint when there is none. */
+static inline const case_statement *case_find_selection(case_file *c, const case_statement *s, const char *name,
+                                                        int code)
+{
+    static const char *const kinds[] = {"nodes", "elements", "faces"};
+    for (int i = 0; i < c->statement_count; i++) {
+        const case_statement *other = c->statements + i;
+        if (other->form->kind == CASE_SELECT && other->form->code == code && *name == '@' &&
+            strcmp(other->path, name + 1) == 0)
+            return other;
+    }
+    case_fail(c, s->line, "there is no `select %s %.80s`", kinds[code], *name == '@' ? name + 1 : name);
+    return NULL;
+}
+
+/* Makes the selection the list of a statement. */
+static inline int case_take_selection(case_file *c, case_statement *s, const char *name)
+{
+    int of_faces = case_has_faces(s), corners = case_face_corners(c);
+    const case_statement *from = case_find_selection(c, s, name, of_faces ? CASE_SELECT_FACES : CASE_SELECT_NODES);
+    size_t size = of_faces ? (size_t)corners * sizeof(int) : sizeof(int);
+    if (!from)
+        return 0;
+    for (int i = 0; i < from->count && !of_faces; i++) {
+        if (!case_reserve_nodes(s))
+            return case_fail_memory(c, s->line);
+        s->nodes[s->count] = from->nodes[i];
+        s->vectors[s->count++] = s->vector;
+    }
+    if (!of_faces)
+        return 1;
+    s->faces = (int *)malloc((size_t)from->count * size);
+    if (!s->faces)
+        return case_fail_memory(c, s->line);
+    memcpy(s->faces, from->faces, (size_t)from->count * size);
+    s->count = s->capacity = from->count;
+    return 1;
+}
+
+/* Elements that a material selects become a region of their own, numbered after those of the mesh. */
+static inline int case_make_region(case_file *c, case_statement *s, int first)
+{
+    const case_statement *from = case_find_selection(c, s, s->text[CASE_ELEMENTS], CASE_SELECT_ELEMENTS);
+    int region = first, last = first - 1;
+    if (!from)
+        return 0;
+    if (s->given & CASE_BIT(CASE_REGION))
+        return case_fail(c, s->line, "a material has region= or elements=");
+    if (!c->mesh.regions)
+        c->mesh.regions = (int *)calloc((size_t)c->mesh.element_count, sizeof(int));
+    if (!c->mesh.regions)
+        return case_fail_memory(c, s->line);
+    for (int e = 0; e < c->mesh.element_count; e++)
+        last = c->mesh.regions[e] > last ? c->mesh.regions[e] : last;
+    region = last < INT_MAX ? last + 1 : last;
+    for (int i = 0; i < from->count; i++) {
+        if (c->mesh.regions[from->nodes[i]] >= first)
+            return case_fail(c, s->line, "element %d has a material by elements= already", from->nodes[i]);
+        c->mesh.regions[from->nodes[i]] = region;
+    }
+    s->given |= CASE_BIT(CASE_REGION);
+    s->number[CASE_REGION] = region;
+    return 1;
+}
+
+static inline int case_make_regions(case_file *c)
+{
+    int first = 1;
+    for (int e = 0; e < c->mesh.element_count && c->mesh.regions; e++)
+        first = c->mesh.regions[e] >= first && c->mesh.regions[e] < INT_MAX ? c->mesh.regions[e] + 1 : first;
+    for (int i = 0; i < c->statement_count; i++)
+        if (c->statements[i].given & CASE_BIT(CASE_ELEMENTS) && !case_make_region(c, c->statements + i, first))
+            return 0;
+    return 1;
+}
+
+/* ---- loading: lists ------------------------------------------------------------------------------------ */
 
 static inline int case_load_list(case_file *c, case_statement *s, const char *name)
 {
@@ -962,41 +1451,14 @@ static inline int case_load_lists(case_file *c)
         for (int k = 0; k < 3; k++) {
             case_statement *s = c->statements + i;
             if (s->form->kind != CASE_CUT && (s->given & CASE_BIT(lists[k])) &&
-                !case_load_list(c, s, s->text[lists[k]]))
+                !(s->text[lists[k]][0] == '@' && lists[k] != CASE_FILE ? case_take_selection(c, s, s->text[lists[k]])
+                                                                       : case_load_list(c, s, s->text[lists[k]])))
                 return 0;
         }
     return 1;
 }
 
-/* ---- loading: mesh and materials ----------------------------------------------------------------------- */
-
-static inline int case_load_mesh(case_file *c)
-{
-    const case_statement *s = c->mesh_statement, *element = c->element;
-    char *path = case_input_path(c, s->path);
-    sb_load_options options = sb_default_load_options();
-    sb_error error;
-    sb_result result;
-    int duplicates;
-    if (!path)
-        return case_fail_memory(c, s->line);
-    options.report = &c->mesh_report;
-    result = sb_mesh_load(&c->mesh, path, &options, &error);
-    free(path);
-    if (result != SB_OK)
-        return case_fail_library(c, s->line, &error);
-    if (sb_mesh_remove_duplicate_elements(&c->mesh, &duplicates, &error) != SB_OK)
-        return case_fail_library(c, s->line, &error);
-    if (duplicates > 0)
-        return case_fail(c, s->line, "the mesh has %d elements twice", duplicates);
-    if (sb_element_dimension(c->mesh.element_type) != 3)
-        return case_fail(c, s->line, "the mesh is a surface of %s; a volume mesh is needed",
-                         sb_element_name(c->mesh.element_type));
-    if (element && element->treatment->type != c->mesh.element_type)
-        return case_fail(c, element->line, "element %s does not fit the mesh, which has %s", element->treatment->name,
-                         sb_element_name(c->mesh.element_type));
-    return 1;
-}
+/* ---- loading: materials -------------------------------------------------------------------------------- */
 
 /* The elastic part of a material. */
 static inline sb_material case_elastic_material(const case_statement *s)
@@ -1086,7 +1548,7 @@ static inline int case_check_regions(case_file *c)
         if (s->form->kind != CASE_MATERIAL || !(s->given & CASE_BIT(CASE_REGION)) || used[k++])
             continue;
         free(used);
-        return case_fail(c, s->line, "the mesh has no region %s", s->text[CASE_REGION]);
+        return case_fail(c, s->line, "the mesh has no region %d", (int)s->number[CASE_REGION]);
     }
     free(used);
     return 1;
@@ -1312,10 +1774,22 @@ static inline int case_check_output(case_file *c, const case_statement *s)
     return 1;
 }
 
+static inline int case_check_expectation(case_file *c, const case_statement *s)
+{
+    if (c->solve->form->code == CASE_MODES)
+        return case_fail(c, s->line, "expect probe does not go with solve modes");
+    if (s->node < 0 || s->node >= c->mesh.node_count)
+        return case_fail(c, s->line, "node %d is not in the mesh, which has nodes 0 to %d", s->node,
+                         c->mesh.node_count - 1);
+    return 1;
+}
+
 static inline int case_check_statement(case_file *c, case_statement *s)
 {
     if (s->form->kind == CASE_OUTPUT)
         return case_check_output(c, s);
+    if (s->form->kind == CASE_EXPECT)
+        return case_check_expectation(c, s);
     if (s->form->kind != CASE_PRESCRIBE)
         return 1;
     if (!case_is_dynamic(c) && (s->given & CASE_BIT(CASE_RAMP)))
@@ -1334,10 +1808,10 @@ static inline int case_free_axes(const case_file *c)
     return count;
 }
 
-static inline int case_load(case_file *c)
+/* What is checked when statements have their lists. */
+static inline int case_load_rest(case_file *c)
 {
-    int ok =
-        case_load_mesh(c) && case_load_materials(c) && case_load_lists(c) && case_load_supports(c) && case_load_cuts(c);
+    int ok = case_load_supports(c) && case_load_cuts(c);
     for (int i = 0; i < c->statement_count && ok; i++)
         ok = case_check_statement(c, c->statements + i);
     if (ok && case_is_dynamic(c) && case_dt(c) > 0 && !(c->solve->number[CASE_END] / case_dt(c) < 1e9))
@@ -1348,9 +1822,8 @@ static inline int case_load(case_file *c)
     return ok;
 }
 
-/* Reads the case file at `path` and the files it names. Returns 1, or 0 with c->error_line and c->message
- * telling what is wrong. *c is overwritten; release it with case_free in either case. */
-static inline int case_read(case_file *c, const char *path)
+/* An empty case with the text of its file. */
+static inline int case_start(case_file *c, const char *path)
 {
     const char *reason = "out of memory";
     size_t size = strlen(path) + 1;
@@ -1361,9 +1834,15 @@ static inline int case_read(case_file *c, const char *path)
         return case_fail_memory(c, 0);
     memcpy(c->path, path, size);
     c->text = case_read_text(path, &reason);
-    if (!c->text)
-        return case_fail(c, 1, "%s", reason);
-    return case_parse(c) && case_load(c);
+    return c->text || case_fail(c, 1, "%s", reason);
+}
+
+/* Reads the case file at `path` and the files it names. Returns 1, or 0 with c->error_line and c->message
+ * telling what is wrong. *c is overwritten; release it with case_free in either case. */
+static inline int case_read(case_file *c, const char *path)
+{
+    return case_start(c, path) && case_parse(c) && case_load_mesh(c) && case_load_selections(c) &&
+           case_make_regions(c) && case_load_materials(c) && case_load_lists(c) && case_load_rest(c);
 }
 
 /* ---- the body ------------------------------------------------------------------------------------------ */
@@ -1394,12 +1873,20 @@ static inline void case_set_dynamics(const case_file *c, sb_body_def *def)
     }
 }
 
-static inline sb_result case_add_loads(const case_file *c, sb_body *body, sb_error *error)
+/* Statements of several kinds, as bits. */
+#define CASE_KIND(kind) (1u << (kind))
+#define CASE_DEAD_LOADS (CASE_KIND(CASE_FORCE) | CASE_KIND(CASE_TRACTION))
+#define CASE_LOADS (CASE_DEAD_LOADS | CASE_KIND(CASE_PRESSURE) | CASE_KIND(CASE_SPRING))
+
+/* Adds the loads of these kinds. */
+static inline sb_result case_add_loads(const case_file *c, sb_body *body, unsigned kinds, sb_error *error)
 {
     sb_result result = SB_OK;
     for (int i = 0; i < c->statement_count && result == SB_OK; i++) {
         const case_statement *s = c->statements + i;
         error->message[0] = 0;
+        if (!(kinds & CASE_KIND(s->form->kind)))
+            continue;
         if (s->form->kind == CASE_FORCE)
             result = sb_body_add_forces(body, s->nodes, s->count, s->vectors, 0);
         else if (s->form->kind == CASE_TRACTION)
@@ -1411,6 +1898,19 @@ static inline sb_result case_add_loads(const case_file *c, sb_body *body, sb_err
             result = sb_body_add_springs(body, s->nodes, s->count, s->stiffness, 0, s->vectors, NULL, error);
     }
     return result;
+}
+
+/* Equations are among nodes that supports leave free, or hang on those. */
+static inline int case_add_equations(case_file *c, sb_body *body)
+{
+    sb_error error;
+    for (int i = 0; i < c->statement_count; i++) {
+        const case_statement *s = c->statements + i;
+        if (s->form->kind == CASE_EQUATION &&
+            sb_body_add_constraints(body, s->terms, s->term_counts, s->values, s->count, NULL, &error) != SB_OK)
+            return case_fail_library(c, s->line, &error);
+    }
+    return 1;
 }
 
 /* Copies that a cut made of prescribed nodes go with them, along the axes that they are supported along. */
@@ -1556,9 +2056,11 @@ static inline int case_prepare_body(case_file *c, sb_body *body)
     sb_error error;
     sb_result result;
     memset(&error, 0, sizeof error);
-    result = case_add_loads(c, body, &error);
+    result = case_add_loads(c, body, CASE_LOADS, &error);
     if (result == SB_OK)
         result = case_move_supports(c, body, 0);
+    if (result == SB_OK && !case_add_equations(c, body))
+        return 0;
     if (result == SB_OK && c->lattice && (!case_cut_body(c, body) || !case_hold_crumbs(c, body)))
         return 0;
     if (result == SB_OK)
@@ -1570,13 +2072,10 @@ static inline int case_prepare_body(case_file *c, sb_body *body)
     return 1;
 }
 
-/* Makes the body of a case with all its loads and its supports at time 0. Returns 1, or 0 with error_line and
- * message. A case without the supports that its static solve needs is refused here. */
-static inline int case_create_body(case_file *c, sb_body **out)
+/* What a case says about its body, loads and supports left out. */
+static inline sb_body_def case_body_def(const case_file *c)
 {
     sb_body_def def = sb_default_body_def();
-    sb_body *body = NULL;
-    sb_error error;
     def.mesh = &c->mesh;
     def.material = c->material;
     def.region_materials = c->region_materials;
@@ -1592,6 +2091,16 @@ static inline int case_create_body(case_file *c, sb_body **out)
         case_set_dynamics(c, &def);
     if (c->lattice)
         def.slack = (sb_real)0.5;
+    return def;
+}
+
+/* Makes the body of a case with all its loads and its supports at time 0. Returns 1, or 0 with error_line and
+ * message. A case without the supports that its static solve needs is refused here. */
+static inline int case_create_body(case_file *c, sb_body **out)
+{
+    sb_body_def def = case_body_def(c);
+    sb_body *body = NULL;
+    sb_error error;
     sb_cut_destroy(c->cut);
     c->cut = NULL;
     if (sb_body_create(&def, &body, &error) != SB_OK)
@@ -1602,6 +2111,29 @@ static inline int case_create_body(case_file *c, sb_body **out)
     }
     *out = body;
     return 1;
+}
+
+/* The loads of some kinds (CASE_KIND of gravity, too) on the undeformed body as nodal forces (N), [node_count]. */
+static inline int case_nodal_loads(case_file *c, unsigned kinds, sb_vec3 *forces)
+{
+    sb_body_def def = case_body_def(c);
+    sb_static_options options = sb_default_static_options();
+    sb_body *body = NULL;
+    sb_error error;
+    int ok;
+    memset(&error, 0, sizeof error);
+    if (!(kinds & CASE_KIND(CASE_GRAVITY)))
+        def.gravity = sb_v3(0, 0, 0);
+    ok = sb_body_create(&def, &body, &error) == SB_OK && case_add_loads(c, body, kinds, &error) == SB_OK;
+    for (int i = 0; i < c->mesh.node_count && ok; i++)
+        ok = sb_body_fix_nodes(body, &i, 1, SB_XYZ) == SB_OK;
+    options.load_steps = 1;
+    if (ok && sb_body_solve_static(body, &options, NULL) == SB_OK)
+        memcpy(forces, sb_body_external_forces(body), (size_t)c->mesh.node_count * sizeof *forces);
+    else
+        ok = case_fail(c, c->mesh_statement->line, "%s", error.message[0] ? error.message : "the loads have no nodes");
+    sb_body_destroy(body);
+    return ok;
 }
 
 /* Options of the static solve. */

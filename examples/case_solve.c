@@ -1,7 +1,7 @@
 /* case_solve: solves what a case file describes and writes what it asks for.
  *
  *     cc -O3 case_solve.c -lm -o case_solve
- *     ./case_solve CASE.case [OUT.vtk] [-p PREFIX] [--mass KIND]
+ *     ./case_solve CASE.case|MODEL.inp [OUT.vtk] [-p PREFIX] [--mass KIND]
  *
  * --help tells the grammar of a case file. case_reader.h reads it; this file solves and writes. */
 #include "system.h"
@@ -9,11 +9,12 @@
 #define SB_IMPLEMENTATION
 #include "softbody.h"
 
-#include "case_reader.h"
+#include "case_inp.h"
+#include "case_write.h"
 #include "cut_file.h"
 
 static const char help[] =
-    "case_solve CASE.case [OUT.vtk] [-p PREFIX] [--mass consistent|reduced|lumped]\n"
+    "case_solve CASE.case|MODEL.inp [OUT.vtk] [-p PREFIX] [--mass consistent|reduced|lumped]\n"
     "\n"
     "Solves the case and writes its outputs to the current directory, with PREFIX before their names.\n"
     "OUT.vtk (or -o OUT.vtk): the deformed mesh with displacement and von Mises stress for ParaView.\n"
@@ -23,6 +24,12 @@ static const char help[] =
     "\n"
     "  mesh      FILE                        VTK (.vtk, .vtu), gmsh, Medit or TetGen: tet4, tet10, hex8,\n"
     "                                        hex20 or hex27; wedges, pyramids and mixed cells become tets\n"
+    "  surface   FILE [scale=S]              instead of mesh, with\n"
+    "  stuff     cells=N                     tets in the closed surface, N along its longest side\n"
+    "  select    nodes|elements|faces NAME box=X0,Y0,Z0,X1,Y1,Z1\n"
+    "  select    nodes|faces NAME plane=PX,PY,PZ,NX,NY,NZ [distance=D]\n"
+    "  select    nodes|elements|faces NAME near=FILE distance=D     a surface; elements by their middle\n"
+    "                                        then nodes=@NAME, faces=@NAME (outer ones), material ... elements=@NAME\n"
     "  element   tet10sr                     one rotation per element (corotated)\n"
     "            tet10bbar|hex8bbar|hex20bbar|hex27bbar\n"
     "                                        for nearly incompressible material; default: as in the file\n"
@@ -42,6 +49,8 @@ static const char help[] =
     "  traction  faces=FILE value=TX,TY,TZ   Pa on the undeformed area; lines: the nodes of a face\n"
     "  pressure  faces=FILE value=P          Pa, follows the faces, positive pushes inwards\n"
     "  spring    file=FILE                   lines: NODE K X Y Z, N/m to a point in space\n"
+    "  equation  file=FILE                   lines: VALUE NODE AXIS C [NODE AXIS C] ..., sum of C u = VALUE (m); the\n"
+    "                                        first displacement follows from the others\n"
     "  cut       plane PX PY PZ NX NY NZ     through a point across a normal, at rest, before the solve; tet4, tet10\n"
     "  cut       polygon file=FILE           lines: X Y Z, corners of a polygon: triangles from the first\n"
     "  cut       surface file=FILE           a surface, e.g. one closed around what is to come loose. Each of the "
@@ -55,7 +64,8 @@ static const char help[] =
     "  output    displacement|reaction|stress FILE\n"
     "  output    frequencies FILE            lines: MODE F_HZ, ascending, rigid modes included\n"
     "  output    probe NODE FILE             one line per step: time (static: share of the load) and "
-    "displacement\n";
+    "displacement\n"
+    "  expect    probe NODE value=UX,UY,UZ tol=T        its displacement at the end (m), else exit status 4\n";
 
 static const char help_notes[] =
     "\n"
@@ -73,14 +83,21 @@ static const char help_notes[] =
     "which keep their material (a reaction is that of a node and its copies), a stress has a line for each piece of "
     "an\n"
     "element, and OUT.vtk has skin and lips (field lip) instead of the mesh.\n"
+    "MODEL.inp: an input file of Abaqus or CalculiX, in SI units; what it says that is not known here is refused, "
+    "with\n"
+    "all lines it stands in. Outputs then are displacement.txt (or frequencies.txt), reaction.txt and stress.txt "
+    "where\n"
+    "RF and S are printed, probe_NODE.txt where the U of a set of one node is; they have the numbers of the file.\n"
+    "*ELASTIC with NLGEOM is St.Venant-Kirchhoff's material, as in CalculiX.\n"
     "Integration points: tet4 1, tet10 4 (8 when its sides are curved), hex8 8, hex20 and hex27 27.\n"
     "\n"
     "Prints `converged steps=N newton=N pcg=N seconds=S` and exits with 0. A wrong case: 2, and nothing is "
     "written.\n"
-    "A solve that fails: 3, and the outputs hold the last converged state. Also 2: an output or stdout that cannot be\n"
+    "A solve that fails: 3, and the outputs hold the last converged state. An expectation that fails: 4. Also 2: an "
+    "output or stdout that cannot be\n"
     "written.\n";
 
-enum { EXIT_CONVERGED = 0, EXIT_WRONG_CASE = 2, EXIT_NOT_SOLVED = 3 };
+enum { EXIT_CONVERGED = 0, EXIT_WRONG_CASE = 2, EXIT_NOT_SOLVED = 3, EXIT_NOT_EXPECTED = 4 };
 
 /* In the order of sb_mass_kind. */
 static const char *const mass_names[] = {"lumped", "consistent", "reduced"};
@@ -116,7 +133,9 @@ typedef struct run {
 
 static int complain(const run *r)
 {
-    if (r->file.error_line > 0)
+    if (r->file.faults.count > 0)
+        fputs(r->file.faults.text, stderr);
+    else if (r->file.error_line > 0)
         fprintf(stderr, "%s:%d: %s\n", r->case_path, r->file.error_line, r->file.message);
     else
         fprintf(stderr, "%s: %s\n", r->case_path, r->file.message);
@@ -290,11 +309,18 @@ static void write_vector(FILE *file, sb_vec3 v)
     fprintf(file, " %.17g %.17g %.17g\n", (double)v.x, (double)v.y, (double)v.z);
 }
 
+/* What a file calls its nodes and elements: places from 0 in a case's mesh, numbers of other files. */
+static int node_number(const run *r, int node) { return r->file.node_numbers ? r->file.node_numbers[node] : node; }
+static int element_number(const run *r, int element)
+{
+    return r->file.element_numbers ? r->file.element_numbers[element] : element;
+}
+
 static void write_displacement(const run *r, const case_statement *s, FILE *file)
 {
     (void)s;
     for (int i = 0; i < r->file.mesh.node_count; i++) {
-        fprintf(file, "%d", i);
+        fprintf(file, "%d", node_number(r, i));
         write_vector(file, r->displacement[i]);
     }
 }
@@ -304,7 +330,7 @@ static void write_reaction(const run *r, const case_statement *s, FILE *file)
     (void)s;
     for (int i = 0; i < r->file.mesh.node_count; i++)
         if (r->file.supports[i]) {
-            fprintf(file, "%d", i);
+            fprintf(file, "%d", node_number(r, i));
             write_vector(file, r->reaction[i]);
         }
 }
@@ -317,8 +343,9 @@ static void write_stress(const run *r, const case_statement *s, FILE *file)
             sb_mat3 t;
             int element = r->file.cut ? sb_cut_cell_element(r->file.cut, e) : e;
             if (element >= 0 && sb_body_stress(r->body, e, p, &t) == SB_OK)
-                fprintf(file, "%d %d %.17g %.17g %.17g %.17g %.17g %.17g\n", element, p, (double)t.m[0][0],
-                        (double)t.m[1][1], (double)t.m[2][2], (double)t.m[0][1], (double)t.m[1][2], (double)t.m[0][2]);
+                fprintf(file, "%d %d %.17g %.17g %.17g %.17g %.17g %.17g\n", element_number(r, element), p,
+                        (double)t.m[0][0], (double)t.m[1][1], (double)t.m[2][2], (double)t.m[0][1], (double)t.m[1][2],
+                        (double)t.m[0][2]);
         }
 }
 
@@ -374,30 +401,11 @@ static int can_write(const char *path, const char *other, const char **why)
     return !same;
 }
 
-/* 1 when writing to the path would destroy an input of the case: itself, its mesh, a list. */
-static int is_input(const run *r, const char *path)
-{
-    static const case_key lists[] = {CASE_NODES, CASE_FACES, CASE_FILE};
-    const case_file *c = &r->file;
-    int found = is_same_file(path, r->case_path);
-    for (int i = 0; i < c->statement_count; i++) {
-        const case_statement *s = c->statements + i;
-        for (int k = 0; k < 4; k++) {
-            const char *name = k == 3 ? (s->form->kind == CASE_MESH ? s->path : NULL)
-                                      : (s->given & CASE_BIT(lists[k]) ? s->text[lists[k]] : NULL);
-            char *input = name ? case_input_path(c, name) : NULL;
-            found |= input && is_same_file(path, input);
-            free(input);
-        }
-    }
-    return found;
-}
-
 /* 1 when the path can be written without harm: no input, no output of a statement before `end`. */
 static int check_output(run *r, int line, const char *path, const case_statement *end)
 {
     const char *why;
-    if (is_input(r, path))
+    if (case_reads(&r->file, path, is_same_file))
         return case_fail(&r->file, line, "%.500s is read by this case: it would be overwritten", path);
     if (!can_write(path, NULL, &why))
         return case_fail(&r->file, line, "%.500s %s", path, why);
@@ -540,6 +548,8 @@ static void print_notes(const run *r)
 {
     for (int i = 0; i < r->file.mesh_report.note_count; i++)
         fprintf(stderr, "%s:%d: note: %s\n", r->case_path, r->file.mesh_statement->line, r->file.mesh_report.notes[i]);
+    if (r->file.notes.text)
+        fputs(r->file.notes.text, stderr);
 }
 
 /* What became of the cuts. */
@@ -553,11 +563,32 @@ static void print_crumbs(const run *r)
         }
 }
 
+/* Whether the nodes are where the case expects them; says which are not. */
+static int is_expected(const run *r)
+{
+    int ok = 1;
+    for (int i = 0; i < r->file.statement_count; i++) {
+        const case_statement *s = r->file.statements + i;
+        sb_vec3 u;
+        double off;
+        if (s->form->kind != CASE_EXPECT)
+            continue;
+        u = r->displacement[s->node];
+        off = (double)sb_v3_norm(sb_v3_sub(u, s->vector));
+        if (off <= s->number[CASE_WITHIN])
+            continue;
+        fprintf(stderr, "%s:%d: node %d is displaced by %.9g,%.9g,%.9g m, %.3g m from what is expected\n", r->case_path,
+                s->line, s->node, (double)u.x, (double)u.y, (double)u.z, off);
+        ok = 0;
+    }
+    return ok;
+}
+
 static int solve_and_write(run *r)
 {
     clock_t begin = clock();
     double seconds;
-    if (!case_read(&r->file, r->case_path))
+    if (!case_open(&r->file, r->case_path))
         return complain(r);
     print_notes(r);
     r->file.mass = r->mass_kind;
@@ -579,7 +610,7 @@ static int solve_and_write(run *r)
         return EXIT_NOT_SOLVED;
     }
     printf("converged steps=%d newton=%d pcg=%d seconds=%.3f\n", r->steps, r->newton, r->pcg, seconds);
-    return EXIT_CONVERGED;
+    return is_expected(r) ? EXIT_CONVERGED : EXIT_NOT_EXPECTED;
 }
 
 static void release(run *r)
@@ -638,7 +669,7 @@ static int program(int argc, char **argv)
         return EXIT_CONVERGED;
     }
     if (!take_arguments(&r, argc, argv)) {
-        fputs("usage: case_solve CASE.case [OUT.vtk] [-p PREFIX] [--mass KIND]; see --help\n", stderr);
+        fputs("usage: case_solve CASE.case|MODEL.inp [OUT.vtk] [-p PREFIX] [--mass KIND]; see --help\n", stderr);
         return EXIT_WRONG_CASE;
     }
     status = solve_and_write(&r);

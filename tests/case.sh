@@ -326,6 +326,119 @@ say 'mesh cube.vtk' "$material" "$symmetry" 'force nodes=z1 value=0,0,2.5' "$sta
 good 'nodal forces' force.case
 lines u 8 'near($4, $1 < 4 ? 0 : 0.01)'
 
+# The same as an input file of other solvers, whose numbers the outputs have; and one with two mistakes.
+cat >tension.inp <<END
+*NODE, NSET=ALL
+11,0,0,0
+12,1,0,0
+13,1,1,0
+14,0,1,0
+15,0,0,1
+16,1,0,1
+17,1,1,1
+18,0,1,1
+*ELEMENT, TYPE=C3D8, ELSET=ALL
+9,11,12,13,14,15,16,17,18
+*NSET, NSET=CORNER
+17
+*MATERIAL, NAME=GEL
+*ELASTIC
+1000,.3
+*DENSITY
+1000
+*SOLID SECTION, ELSET=ALL, MATERIAL=GEL
+*STEP
+*STATIC
+.5,1
+*BOUNDARY
+11,1,3
+12,2,3
+13,3
+14,1
+14,3
+15,1,2
+16,2
+18,1
+*CLOAD
+15,3,2.5
+16,3,2.5
+17,3,2.5
+18,3,2.5
+*NODE PRINT, NSET=CORNER
+U,RF
+*EL PRINT, ELSET=ALL
+S
+*END STEP
+END
+good 'an input file of other solvers' tension.inp
+lines displacement.txt 8 'near($4, $1 < 15 ? 0 : 0.01) && $2 <= 0 && $3 <= 0'
+lines reaction.txt 7 '$1 > 14 || near($4, -2.5)'
+lines stress.txt 8 '$1 == 9 && $2 == NR - 1 && near($3, 0) && near($5, 10)'
+lines probe_17.txt 3 'near($4, 0.01 * $1) && near($2, -0.003 * $1)'
+sed 's/^17,3,2.5/17,8,2.5/; s/^\*ELASTIC/*PLASTIC/' tension.inp >mistaken.inp
+run mistaken.inp
+[ "$run_status" = 2 ] && [ ! -s ../stdout ] && [ -z "$(ls out)" ] && [ "$(wc -l <../stderr)" -eq 2 ] &&
+    grep -q '^case/mistaken.inp:15: .PLASTIC is not understood' ../stderr &&
+    grep -q '^case/mistaken.inp:35: axis 8 of a force' ../stderr
+result 'lists the mistakes of an input file' $?
+
+# The same by selections instead of lists, and what is expected of it.
+cat >chosen.case <<END
+mesh cube.vtk
+select nodes x0 plane=0,0,0,2,0,0
+select nodes y0 box=-1,0,-1,2,0,2
+select nodes z0 near=bottom.vtk distance=.01
+select faces top box=0,0,1,1,1,1
+select elements all box=0,0,0,1,1,1
+$material elements=@all
+fix x nodes=@x0
+fix y nodes=@y0
+fix z nodes=@z0
+traction faces=@top value=0,0,10
+$static
+output displacement u
+expect probe 6 value=-.003,.003,.01 tol=1
+END
+mesh "$cube" 1 5 '4 0 1 2 3' 9 >bottom.vtk
+good 'selections' chosen.case
+lines u 8 'near($4, $1 < 4 ? 0 : 0.01) && $2 <= 0 && $3 <= 0 && near($2 * $3, $1 % 4 == 2 ? 9e-6 : 0)'
+sed 's/value=-.003,.003,.01 tol=1/value=-.003,-.003,.02 tol=.001/' chosen.case >unexpected.case
+run unexpected.case
+[ "$run_status" = 4 ] && grep -q '^case/unexpected.case:14: node 6 is displaced by -0.003' ../stderr && [ -s out/u ]
+result 'an expectation that fails' $?
+rm -f out/*
+wrong_line 'a selection that is not there' 'fix x nodes=@side' 'there is no `select nodes side`'
+wrong_line 'a selection of something else' 'traction faces=@x0 value=0,0,1' 'there is no `select faces x0`'
+wrong_line 'an empty selection' 'select faces f plane=0,0,.5,0,0,1' 'the selection is empty'
+wrong_line 'a selection by nothing' 'select nodes n' 'missing option'
+wrong_line 'a selection in two ways' 'select nodes n box=0,0,0,1,1,1 plane=0,0,0,1,0,0' 'do not go together'
+wrong_line 'a box of three numbers' 'select nodes n box=0,0,0' 'box= must be six finite numbers'
+wrong_line 'a plane without normal' 'select nodes n plane=0,0,0,0,0,0' 'the normal of the plane has no length'
+wrong_line 'nodes near nothing' 'select nodes n near=nowhere.vtk distance=1' 'nowhere.vtk'
+wrong_line 'values from a selection' 'force file=@n' '@n: '
+wrong_line 'an expectation out of range' 'expect probe 8 value=0,0,0 tol=1' 'node 8 is not in the mesh'
+wrong_line 'surface beside mesh' 'surface surface.vtk' 'surface and stuff go together'
+wrong_line 'stuff beside mesh' 'stuff cells=4' 'a second mesh'
+say 'mesh cube.vtk' "$material" "$symmetry" 'select nodes n box=0,0,0,1,1,1' 'select nodes n box=0,0,0,1,1,1' \
+    "$static" >wrong.case
+refused 'a selection twice' 7 'line 6 selects nodes n already'
+say 'stuff cells=4' "$material" "$static" >wrong.case
+refused 'stuff without surface' 1 'surface and stuff go together'
+say 'stuff cells=1001' 'surface cube.vtk' "$material" "$static" >wrong.case
+refused 'too many cells' 1 'must be at most 1000'
+
+# A closed surface in millimetres, filled with tets and pulled.
+say 'OFF' '8 6 0' '0 0 0' '1000 0 0' '1000 1000 0' '0 1000 0' '0 0 1000' '1000 0 1000' '1000 1000 1000' '0 1000 1000' \
+    '4 0 3 2 1' '4 4 5 6 7' '4 0 1 5 4' '4 1 2 6 5' '4 2 3 7 6' '4 3 0 4 7' >cube.off
+say 'surface cube.off scale=.001' 'stuff cells=4' "$material" 'select nodes floor box=-1,-1,-1,2,2,.01' \
+    'select faces roof plane=0,0,1,0,0,1 distance=.01' 'fix z nodes=@floor' 'select nodes back box=-1,-1,-1,.01,2,2' \
+    'fix x nodes=@back' 'select nodes left box=-1,-1,-1,2,.01,2' 'fix y nodes=@left' \
+    'traction faces=@roof value=0,0,10' "$static" 'output displacement u' >stuffed.case
+good 'a stuffed surface' stuffed.case
+awk '$4 > 0.0099 && $4 < 0.0101 { top++ } $4 > 0.0101 { bad = 1 } END { exit bad || top < 9 }' out/u
+result 'a stuffed cube stretches as it should' $?
+rm -f out/u
+
 # The other loads: a pressure that pulls, and springs as stiff as the cube to points 0.02 above its top.
 say 'mesh cube.vtk' "$material" "$symmetry" 'pressure faces=top value=-10' "$static" 'output displacement u' >pull.case
 good 'pressure' pull.case

@@ -1,5 +1,6 @@
 #!/bin/sh
 # Runs hello, custom_element, demo, viscoelastic, haptic_loop, liver_models, surface_to_sim, cylinder_study, particles_study, the needle
+# Runs case_convert, hello, custom_element, demo, viscoelastic, haptic_loop, liver_models, surface_to_sim, cylinder_study, the needle
 # programs, grasp, palpation, identify, drop, igtl_server, igtl_client, cut_scalpel, cautery, cut_resect, cut_force, cut_study, one_body, register_liver and insilico as
 # a user would, with good and bad arguments and files:
 #
@@ -75,6 +76,48 @@ refuses() { # refuses WORDS COMMAND...: it fails, and says so
     ! "$@" >refused.txt 2>&1 && grep -q "$words" refused.txt
 }
 count_frames() { ls "$1"/demo_*.vtk 2>/dev/null | wc -l | tr -d ' '; }
+
+# ---- case_convert ----
+tests=$OLDPWD/tests/data
+same_numbers() { # same_numbers FILE FILE: lines NODE UX UY UZ that agree within 1e-5 of the largest vector
+    awk 'FNR == NR { for (k = 2; k < 5; k++) u[$1, k] = $k; next }
+        NF == 4 && ($1, 2) in u {
+            d = m = 0
+            for (k = 2; k < 5; k++) { d += ($k - u[$1, k]) ^ 2; m += u[$1, k] ^ 2 }
+            if (d > difference) difference = d
+            if (m > size) size = m
+            count++
+        }
+        END { exit !(count > 3 && size > 0 && difference <= 1e-10 * size) }' "$1" "$2"
+}
+expect 0 '^case_convert IN OUT' case_convert --help
+expect 2 '^usage: case_convert' case_convert only.inp
+expect 2 'must end in .case or .inp' case_convert a.inp b.vtk
+expect 2 'no-such.inp:1: No such file' case_convert no-such.inp b.case
+expect 2 'mistakes.inp:8: elements C3D8R are not read' case_convert "$tests/mistakes.inp" b.case
+check "all ten mistakes are listed" [ "$(wc -l <output.txt)" = 10 ]
+check "case_convert writes nothing of a wrong file" is_gone b.case
+expect 0 '^block.case: 36 nodes, 12 hex8$' case_convert "$tests/block.inp" block.case
+expect 0 '^block.inp: 36 nodes, 12 hex8$' case_convert block.case block.inp
+expect 0 '^again.case: 36 nodes' case_convert block.inp again.case
+check "a case comes back the same" eval "sed 's/again_/block_/' again.case | cmp -s - block.case && cmp -s again_mesh.vtk block_mesh.vtk"
+expect 2 'block.case is read by this case' case_convert block.case ./block.case
+expect 0 '^converged' case_solve block.inp -p block_
+expect 0 '^converged' case_solve "$tests/block.inp" -p given_
+check "both files have the same solution" same_numbers block_displacement.txt given_displacement.txt
+printf '%s\n' 'mesh block_mesh.vtk' 'material corotated E=1e3 nu=.3 density=1e3' 'fix xyz nodes=block_1_fix.txt' \
+    'solve static steps=1 tol=1e-8' >turning.case
+expect 2 'turning.case:2: material corotated with E and nu cannot be said' case_convert turning.case turning.inp
+expect 2 'block_mesh.vtk is read by this case' case_convert turning.case block.case
+expect 0 '^turning.inp: 36 nodes' case_convert --as-svk turning.case turning.inp
+check "units are in the first line" grep -q '^.. units: m, s, force 1e-4 N' turning.inp
+if command -v ccx >/dev/null 2>&1; then
+    check "CalculiX solves it" eval "ccx block >ccx.txt 2>&1"
+    awk '/displacements/ { on = 1 } on && NF == 4' block.dat >ccx_displacement.txt
+    check "CalculiX finds the same displacements" same_numbers block_displacement.txt ccx_displacement.txt
+else
+    skip "no ccx: case_convert's file is not solved by CalculiX"
+fi
 
 # ---- hello ----
 expect 0 'sags by [0-9.]* mm, .*stress is [0-9]* Pa' hello

@@ -20,6 +20,7 @@
 #include "target_cloud.h"
 #include "target_geometry.h"
 #include "target_igtl.h"
+#include "target_inp.h"
 #include "target_mesh.h"
 #include "target_needle.h"
 #include "target_precond.h"
@@ -38,6 +39,7 @@ static const struct fuzz_target {
                     {"geometry", fuzz_geometry},
                     {"mesh", fuzz_mesh},
                     {"case", fuzz_case},
+                    {"inp", fuzz_inp},
                     {"state", fuzz_state},
                     {"record", fuzz_record},
                     {"body", fuzz_body},

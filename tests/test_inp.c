@@ -1,0 +1,581 @@
+/* Input files of Abaqus and CalculiX as cases: examples/case_inp.h. */
+#include "softbody.h"
+
+#include "check.h"
+#include "same_body.h"
+
+#include "../examples/case_inp_write.h"
+#include "../examples/case_write.h"
+
+#include <time.h>
+
+/* ---- models in memory -------------------------------------------------------------------------------------- */
+
+/* Writes text to a file of the tests and reads it; 1 when it is a case. */
+static int read_text(case_file *c, const char *text)
+{
+    static const char path[] = "build/test_inp.inp";
+    FILE *file = fopen(path, "wb");
+    int ok = file && fwrite(text, 1, strlen(text), file) == strlen(text);
+    if (file)
+        ok &= fclose(file) == 0;
+    CHECK(ok);
+    return inp_read(c, path);
+}
+
+/* A cube with its nodes 1 to 8 and its element 1, all of it but the step; lines 1 to 19. */
+#define CUBE_MESH                                                                                                      \
+    "*NODE, NSET=ALL\n1,0,0,0\n2,1,0,0\n3,1,1,0\n4,0,1,0\n5,0,0,1\n6,1,0,1\n7,1,1,1\n8,0,1,1\n"                        \
+    "*ELEMENT, TYPE=C3D8, ELSET=ALL\n1,1,2,3,4,5,6,7,8\n*NSET, NSET=TOP, GENERATE\n5,8\n"
+#define CUBE CUBE_MESH "*MATERIAL, NAME=M\n*ELASTIC\n1000,0\n*DENSITY\n2\n*SOLID SECTION, ELSET=ALL, MATERIAL=M\n"
+#define CLAMP "*BOUNDARY\n1,1,3\n2,1,3\n3,1,3\n4,1,3\n"
+enum { AFTER_CUBE = 19, AFTER_CLAMP = 24 };
+
+/* Solves a static model and gives the displacement of a node by its number. */
+static sb_vec3 solve_text(const char *text, int number)
+{
+    case_file c;
+    sb_body *body = NULL;
+    sb_vec3 u = sb_v3(0, 0, 0);
+    int ok = read_text(&c, text) && case_create_body(&c, &body);
+    if (!CHECK(ok)) {
+        printf("%s", c.faults.text ? c.faults.text : c.message);
+    } else {
+        sb_static_options options = case_static_options(&c);
+        if (SB_REAL_IS_FLOAT)
+            options.tolerance = (sb_real)1e-5;
+        CHECK_OK(sb_body_solve_static(body, &options, NULL));
+        for (int i = 0; i < c.mesh.node_count; i++)
+            if (c.node_numbers[i] == number)
+                u = sb_body_displacements(body)[i];
+    }
+    sb_body_destroy(body);
+    case_free(&c);
+    return u;
+}
+
+/* The model is refused with one fault, in this line, whose words hold `words`. */
+static void check_refused(const char *text, int line, const char *words)
+{
+    case_file c;
+    int ok = read_text(&c, text);
+    CHECK(!ok);
+    if (!CHECK_INT(c.error_line, line) || !CHECK(strstr(c.message, words) != NULL))
+        printf("  expected line %d: %s\n  got  line %d: %s\n", line, words, c.error_line, c.message);
+    if (!CHECK(c.faults.count <= 1))
+        printf("%s", c.faults.text);
+    case_free(&c);
+}
+
+/* ---- tests ------------------------------------------------------------------------------------------------- */
+
+/* Forms of lines: columns, continuation, upper and lower case, sets of sets, an included file. */
+static void test_column(void)
+{
+    case_file c;
+    sb_body *body = NULL;
+    int ok = inp_read(&c, "tests/data/column.inp");
+    if (!CHECK(ok)) {
+        printf("%s%s\n", c.faults.text ? c.faults.text : "", c.message);
+        case_free(&c);
+        return;
+    }
+    CHECK_INT(c.mesh.node_count, 12);
+    CHECK_INT(c.mesh.element_count, 2);
+    CHECK_INT(c.element_numbers[0], 7);
+    CHECK_INT(c.node_numbers[11], 33);
+    CHECK_INT(c.solve->number[CASE_STEPS], 2);
+    CHECK_INT(c.material.model, SB_LINEAR);
+    CHECK(c.notes.count == 0);
+    if (CHECK(case_create_body(&c, &body))) {
+        sb_static_options options = case_static_options(&c);
+        if (SB_REAL_IS_FLOAT)
+            options.tolerance = (sb_real)1e-5;
+        CHECK_OK(sb_body_solve_static(body, &options, NULL));
+        for (int i = 8; i < 12; i++) /* 10 N on 1 m^2, 2 m long, E = 1000 Pa: 20 mm, and 3 mm thinner */
+            CHECK_NEAR(sb_body_displacements(body)[i].z, 0.02, SB_REAL_IS_FLOAT ? 1e-6 : 1e-10);
+        CHECK_NEAR(sb_body_displacements(body)[10].x, -0.003, SB_REAL_IS_FLOAT ? 1e-6 : 1e-10);
+    }
+    sb_body_destroy(body);
+    case_free(&c);
+}
+
+/* A file with ten mistakes gets a list of ten lines. */
+static void test_mistakes(void)
+{
+    static const struct {
+        int line;
+        const char *words;
+    } expected[] = {{3, "'zero' is no finite number"},
+                    {8, "elements C3D8R are not read"},
+                    {10, "*INITIALCONDITIONS is not understood"},
+                    {13, "TYPE=ORTHO is not understood"},
+                    {15, "*HYPERELASTIC, OGDEN is not understood"},
+                    {18, "there is no set OTHERS before this line"},
+                    {20, "must be within a *STEP"},
+                    {21, "outside the folder of the model"},
+                    {22, "parameter PERTURBATION of *STEP is not understood"},
+                    {25, "axis 7 of a force must be 1, 2 or 3"}};
+    case_file c;
+    const char *at;
+    int ok = inp_read(&c, "tests/data/mistakes.inp");
+    CHECK(!ok);
+    CHECK_INT(c.faults.count, 10);
+    at = c.faults.text;
+    for (int i = 0; i < 10 && at; i++) {
+        char place[64];
+        const char *end = strchr(at, '\n');
+        snprintf(place, sizeof place, "tests/data/mistakes.inp:%d: ", expected[i].line);
+        ok = strncmp(at, place, strlen(place)) == 0 && strstr(at, expected[i].words) &&
+             strstr(at, expected[i].words) < end;
+        if (!CHECK(ok))
+            printf("  expected %s%s\n  got %.*s\n", place, expected[i].words, (int)(end - at), at);
+        at = end + 1;
+    }
+    CHECK_INT(c.error_line, 3);
+    case_free(&c);
+}
+
+/* One mistake at a time. */
+static void test_refused(void)
+{
+    check_bad_numbers();
+    check_refused("*INCLUDE, INPUT=test_inp.inp\n", 1, "includes itself");
+    check_refused("*INCLUDE, INPUT=/etc/hostname\n", 1, "outside the folder");
+    check_refused("*INCLUDE, INPUT=no/../../x.inp\n", 1, "outside the folder");
+    check_refused("*INCLUDE, INPUT=no-such.inp\n", 1, "no-such.inp: ");
+    check_refused("", 0, "there are no elements");
+    check_refused("1, 2\n", 1, "a data line without a keyword");
+    check_refused("*WOBBLE\n1, 2\n", 1, "*WOBBLE is not understood");
+    check_refused("*CLOAD\n1, 1, 1\n", 1, "*CLOAD has no place outside a *STEP");
+    check_refused("*ELASTIC\n1, 0\n", 1, "before a *MATERIAL");
+    check_refused("*NODE\n1, 0, 0, 0\n1, 0, 0, 1\n*ELEMENT, TYPE=C3D4\n1, 1, 1, 1, 1\n", 3, "node 1 is there already");
+    check_refused("*NODE\n0, 0, 0, 0\n", 2, "node 0 must be > 0");
+    check_refused("*NODE\n1, 0, 0, 1e999\n", 2, "no finite number");
+    check_refused("*NODE\n1, 0, 0, 0, 0\n", 2, "a number and three coordinates");
+    check_refused("*ELEMENT\n", 1, "needs TYPE=");
+    check_refused("*ELEMENT, TYPE=C3D4\n1, 1, 2, 3\n*NODE\n1, 0\n", 2, "ends in the middle");
+    check_refused("*ELEMENT, TYPE=C3D4\n1, 1, 2, 3, 4, 5\n", 2, "more nodes than a C3D4");
+    check_refused("*ELEMENT, TYPE=C3D4\n1, 1, 2, 3, 4\n*ELEMENT, TYPE=C3D8\n", 3, "C3D8 beside C3D4 in");
+    check_refused("*NODE, NSET=A\n1, 0\n2, 1\n3, 0, 1\n*ELEMENT, TYPE=C3D4\n1, 1, 2, 3, 4\n", 6,
+                  "node 4 of the element is not");
+    check_refused("*NSET, NSET=A, GENERATE\n5, 1\n", 2, "no ascending row");
+    check_refused("*NSET, NSET=A, INSTANCE=B\n", 1, "parameter INSTANCE of *NSET");
+    check_refused(CUBE "*STEP\n", AFTER_CUBE + 1, "there is no *STEP with");
+    check_refused(CUBE "*STEP\n*END STEP\n", AFTER_CUBE + 2, "the step has no *STATIC");
+    check_refused(CUBE "*STEP\n*STATIC\n*CLOAD\n9,1,1\n", AFTER_CUBE + 4, "node 9 is not there");
+    check_refused(CUBE "*STEP\n*STATIC\n*CLOAD\nSIDE,1,1\n", AFTER_CUBE + 4, "there is no set of nodes SIDE");
+    check_refused(CUBE "*STEP\n*STATIC\n*CLOAD, AMPLITUDE=A\n1,1,1\n", AFTER_CUBE + 4, "there is no amplitude A");
+    check_refused(CUBE "*AMPLITUDE, NAME=A\n0,0,.5,1,1,0\n*STEP\n*STATIC\n*CLOAD, AMPLITUDE=A\n1,1,1\n", AFTER_CUBE + 6,
+                  "is no ramp");
+    check_refused(CUBE "*STEP, NLGEOM\n*STATIC\n*DLOAD\n1,P7,1\n", AFTER_CUBE + 4, "load P7 is not understood");
+    check_refused(CUBE "*STEP\n*STATIC\n*DLOAD\n1,P2,1\n", AFTER_CUBE + 1, "the step needs NLGEOM");
+    check_refused(CUBE "*STEP\n*STATIC\n*DLOAD\n1,GRAV,9.81,0,0,0\n", AFTER_CUBE + 4, "no length");
+    check_refused(CUBE "*STEP\n*DYNAMIC, DIRECT\n.1,1\n", AFTER_CUBE + 2, "ALPHA=0");
+    check_refused(CUBE "*STEP\n*FREQUENCY\n0\n", AFTER_CUBE + 2, "number of modes");
+    check_refused(CUBE "*STEP\n*STATIC\n*END STEP\n*STEP\n*FREQUENCY\n3\n", AFTER_CUBE + 5, "a case has one solve");
+    check_refused(CUBE "*EQUATION\n2\n1,1,1\n", AFTER_CUBE + 3, "ends in the middle");
+    check_refused(CUBE "*EQUATION\n2\nALL,1,1,1,2,1\n*STEP\n*STATIC\n", AFTER_CUBE + 3, "has 8 nodes");
+    check_refused(CUBE "*BOUNDARY, OP=NEW\n1,1\n", AFTER_CUBE + 1, "before the first step");
+    check_refused(CUBE_MESH "*STEP\n*STATIC\n", 15, "there is no *SOLID SECTION");
+    check_refused(CUBE_MESH "*MATERIAL, NAME=M\n*SOLID SECTION, ELSET=ALL, MATERIAL=M\n*STEP\n*STATIC\n", 14,
+                  "has no *ELASTIC or *HYPERELASTIC");
+    check_refused(CUBE_MESH
+                  "*MATERIAL, NAME=M\n*ELASTIC\n1000,.5\n*SOLID SECTION, ELSET=ALL, MATERIAL=M\n*STEP\n*STATIC\n",
+                  15, "nu between -1 and 0.5");
+    check_refused(CUBE_MESH "*MATERIAL, NAME=M\n*HYPERELASTIC, NEO HOOKE\n1,0\n*SOLID SECTION, ELSET=ALL, MATERIAL=M\n"
+                            "*STEP, NLGEOM\n*STATIC\n",
+                  15, "D1 of M must be > 0");
+    check_refused(CUBE_MESH
+                  "*MATERIAL, NAME=M\n*HYPERELASTIC, YEOH\n1,0,0,1,1,0\n*SOLID SECTION, ELSET=ALL, MATERIAL=M\n"
+                  "*STEP, NLGEOM\n*STATIC\n",
+                  15, "D2 of M must be 0");
+    check_refused(CUBE_MESH
+                  "*MATERIAL, NAME=M\n*ELASTIC\n1000,0\n*SOLID SECTION, ELSET=ALL, MATERIAL=M\n*STEP\n*STATIC\n"
+                  "*DLOAD\nALL,GRAV,1,0,0,1\n",
+                  14, "has no *DENSITY");
+}
+
+/* Loads and supports over lines and steps, as CalculiX 2.20 takes them: tried there with the same files. */
+static void test_steps(void)
+{
+    double tolerance = SB_REAL_IS_FLOAT ? 1e-7 : 1e-12;
+    /* forces of one step add up, those of the next replace them, but for OP=NEW and other nodes */
+    CHECK_NEAR(solve_text(CUBE CLAMP "*STEP\n*STATIC\n*CLOAD\nTOP,3,1\n*CLOAD\nTOP,3,1\n", 5).z, 0.008, tolerance);
+    CHECK_NEAR(
+        solve_text(CUBE CLAMP "*STEP\n*STATIC\n*CLOAD\nTOP,3,1\n*END STEP\n*STEP\n*STATIC\n*CLOAD\nTOP,3,2\n", 5).z,
+        0.008, tolerance);
+    CHECK_NEAR(
+        solve_text(CUBE CLAMP "*STEP\n*STATIC\n*CLOAD\nTOP,3,1\n*END STEP\n*STEP\n*STATIC\n*CLOAD\nTOP,2,0\n", 5).z,
+        0.004, tolerance);
+    CHECK_NEAR(
+        solve_text(CUBE CLAMP "*STEP\n*STATIC\n*CLOAD\nTOP,3,1\n*END STEP\n*STEP\n*STATIC\n*CLOAD,OP=NEW\n", 5).z, 0,
+        tolerance);
+    /* two directions of gravity add up, and are normalised; 2 kg, half of it at the top of a bar of 1 m and 1000 Pa */
+    sb_vec3 u = solve_text(CUBE CLAMP "*STEP\n*STATIC\n*DLOAD\nALL,GRAV,8,0,0,-1\n,GRAV,8,0,0,-2\n", 5);
+    CHECK_NEAR(u.z, -0.016, tolerance);
+    /* supports: the last one counts; OP=NEW takes away those before the first step, too */
+    CHECK_NEAR(solve_text(CUBE CLAMP "*STEP\n*STATIC\n*BOUNDARY\nTOP,3,3,.1\nTOP,3,3,.3\n", 5).z, 0.3, tolerance);
+    CHECK_NEAR(solve_text(CUBE CLAMP "*STEP\n*STATIC\n*BOUNDARY\nTOP,3,3,.1\n*END STEP\n*STEP\n*STATIC\n"
+                                     "*BOUNDARY\nTOP,1,1,.5\n",
+                          5)
+                   .z,
+               0.1, tolerance);
+    case_file c;
+    CHECK(read_text(&c, CUBE CLAMP "*STEP\n*STATIC\n*BOUNDARY,OP=NEW\n1,1,3\n2,2,3\nTOP,3,3,.1\n"));
+    CHECK(c.supports && memcmp(c.supports, "\7\6\0\0\4\4\4\4", 8) == 0);
+    case_free(&c);
+    /* an amplitude's end counts */
+    CHECK_NEAR(
+        solve_text(CUBE CLAMP "*AMPLITUDE, NAME=A\n0,0,1,.5\n*STEP\n*STATIC\n*BOUNDARY,AMPLITUDE=A\nTOP,3,3,.1\n", 5).z,
+        0.05, tolerance);
+}
+
+/* CRLF, and an equation that joins the corners of the top to one. */
+static void test_equation(void)
+{
+    sb_vec3 u = solve_text(CUBE CLAMP "*EQUATION\r\n2\r\n6,3,1,5,3,-2.\r\n3\r\n7,3,-1.,5,3,1.,\r\n6,3,.5\r\n"
+                                      "*STEP\r\n*STATIC\r\n*BOUNDARY\r\n5,3,3,.1\r\n",
+                           6);
+    CHECK_NEAR(u.z, 0.2, SB_REAL_IS_FLOAT ? 1e-6 : 1e-12);
+    u = solve_text(
+        CUBE CLAMP "*EQUATION\n2\n6,3,1,5,3,-2.\n3\n7,3,-1.,5,3,1.,\n6,3,.5\n*STEP\n*STATIC\n*BOUNDARY\n5,3,3,.1\n", 7);
+    CHECK_NEAR(u.z, 0.2, SB_REAL_IS_FLOAT ? 1e-6 : 1e-12);
+}
+
+/* Pressure by the faces' names: each pushes its own side inwards, of all element types. */
+static void test_faces(void)
+{
+    static const sb_element_type types[] = {SB_TET4, SB_HEX8};
+    for (int k = 0; k < 2; k++)
+        for (int face = 0; face < foreign_face_count(types[k]); face++) {
+            sb_element_type face_type;
+            int local[SB_MAX_FACE_NODES], own = foreign_face(types[k], face);
+            if (!CHECK(own >= 0))
+                continue;
+            CHECK_INT(foreign_face_of(types[k], own), face);
+            sb_element_face(types[k], own, local, &face_type);
+            for (int other = 0; other < face; other++)
+                CHECK(foreign_face(types[k], other) != own);
+        }
+    /* the cube's P2 is its top, P4 its side x = 1, by element or by a surface */
+    case_file c;
+    sb_vec3 forces[8];
+    static const char *const loads[] = {"*DLOAD\nALL,P2,3\n1,P4,5\n", "*DSLOAD\nUP,P,3\nRIGHT,P,5\n"};
+    for (int k = 0; k < 2; k++) {
+        char text[1024];
+        snprintf(text, sizeof text, "%s%s%s",
+                 CUBE CLAMP "*SURFACE, NAME=UP\nALL, S2\n*SURFACE, NAME=RIGHT, TYPE=ELEMENT\n1, S4\n*STEP, NLGEOM\n",
+                 "*STATIC\n", loads[k]);
+        int ok = read_text(&c, text) && case_nodal_loads(&c, CASE_LOADS, forces);
+        if (!CHECK(ok))
+            printf("%s\n", c.message);
+        else
+            for (int i = 0; i < 8; i++) {
+                CHECK_NEAR(forces[i].z, i >= 4 ? -0.75 : 0, 1e-6);
+                CHECK_NEAR(forces[i].x, i == 1 || i == 2 || i == 5 || i == 6 ? -1.25 : 0, 1e-6);
+                CHECK_NEAR(forces[i].y, 0, 1e-6);
+            }
+        case_free(&c);
+    }
+}
+
+/* Numbers: written and read again, shifted, they are the same; and CalculiX sees them in 20 characters. */
+static void test_numbers(void)
+{
+    unsigned long long state = 7;
+    double value = 0;
+    for (int i = 0; i < check_rounds(100000); i++) {
+        char text[48], seen[21];
+        double number = check_random_in(&state, -1, 1) * pow(10, (int)check_random_in(&state, -30, 30));
+        int shift = 4 * ((int)(3 * check_random(&state)) - 1), constant = check_random(&state) < 0.5;
+        if (SB_REAL_IS_FLOAT)
+            number = (double)(float)number;
+        if (constant)
+            number = fabs(number);
+        foreign_print_number(text, number, shift, constant ? FOREIGN_CONSTANT : FOREIGN_PLACE);
+        int is_exact = number > 0 || (fabs(number) > 1e-17 && fabs(number) < 1e12);
+        if (!CHECK(foreign_scan_number(text, -shift, &value) && (!is_exact || value == number))) {
+            printf("%.17g as %s\n", number, text);
+            break;
+        }
+        snprintf(seen, sizeof seen, "%.20s", text);
+        CHECK(foreign_scan_number(seen, -shift, &value));
+        if (!CHECK(fabs(value - number) <= (constant ? 1e-9 * fabs(number) : 1e-9 * fabs(number) + 1e-13)))
+            printf("%.17g as %s\n", number, seen);
+    }
+    static const char *const good[] = {"1", "-1.", ".5", "1.5E-3", "1D3", "15-1", "+2e+2"};
+    static const double values[] = {1, -1, 0.5, 1.5e-3, 1000, 1.5, 200};
+    for (int i = 0; i < 7; i++) {
+        CHECK(foreign_scan_number(good[i], 0, &value));
+        CHECK_NEAR(value, values[i], 0);
+    }
+    static const char *const bad[] = {"",    "-",       ".",   "1e",    "1x",    "nan",
+                                      "inf", "1e99999", "1 2", "0x1p3", "1.2.3", "--1"};
+    for (int i = 0; i < 12; i++)
+        CHECK(!foreign_scan_number(bad[i], 0, &value));
+}
+
+static const char *const reference_names[] = {"cylinder_bend_coarse_tet10",
+                                              "cylinder_bend_fine_tet10",
+                                              "cylinder_stretch3_hex20",
+                                              "cylinder_stretch3_tet10",
+                                              "dyn_gravity_hex20",
+                                              "dyn_gravity_tet10",
+                                              "dyn_gravity_tet4",
+                                              "lin_cantilever_hex20",
+                                              "lin_cantilever_hex8",
+                                              "lin_cantilever_tet10",
+                                              "lin_cantilever_tet4",
+                                              "modal_cantilever_hex20",
+                                              "modal_cantilever_hex8",
+                                              "modal_cantilever_tet10",
+                                              "modal_cantilever_tet4",
+                                              "modal_free_hex20",
+                                              "modal_free_hex8",
+                                              "modal_free_tet10",
+                                              "modal_free_tet4",
+                                              "mr_shear_hex20",
+                                              "mr_shear_tet10",
+                                              "mr_stretch60_hex20",
+                                              "mr_stretch60_tet10",
+                                              "mr_uniaxial_hex8",
+                                              "nh_cantilever_hex20",
+                                              "nh_cantilever_hex8",
+                                              "nh_cantilever_tet10",
+                                              "nh_cantilever_tet4",
+                                              "nh_uniaxial_tet10",
+                                              "phantom_probe_tet10",
+                                              "phantom_probe_tet4",
+                                              "rp2_compress30_hex20",
+                                              "rp2_compress30_tet10",
+                                              "rp2_liver_gravity_tet10",
+                                              "rp2_stretch50_hex20",
+                                              "svk_cantilever_hex20",
+                                              "svk_cantilever_tet10",
+                                              "svk_cantilever_tet4",
+                                              "twist90_hex20",
+                                              "twist90_tet10"};
+enum { REFERENCE_COUNT = (int)(sizeof reference_names / sizeof reference_names[0]) };
+
+/* The path of a file of a reference case; 0 when it is not there. */
+static int reference_path(char *path, size_t size, int i, const char *file)
+{
+    char relative[128];
+    snprintf(relative, sizeof relative, "reference/%s/%s", reference_names[i], file);
+    return check_shared_path(path, size, relative);
+}
+
+/* The reference cases were solved by CalculiX from their case.inp; their case.case says the same. Nodal forces are
+ * compared for the smaller ones, of all with CHECK_SLOW=1. */
+static void test_reference(void)
+{
+    /* what the printed digits of the two files leave: 10 of coordinates (and areas) in mesh.vtk, 12 in case.inp */
+    const double rounding = SB_REAL_IS_FLOAT ? 1e-6 : 0;
+    const double digits[] = {2e-10 + rounding, 2e-12 + rounding, 5e-12 + rounding, 2e-9 + rounding};
+    double worst = 0;
+    for (int i = 0; i < REFERENCE_COUNT; i++) {
+        char path[512];
+        case_file a, b;
+        if (!reference_path(path, sizeof path, i, "case.inp")) {
+            CHECK_SKIP("no ../shared/reference");
+            return;
+        }
+        int ok = inp_read(&a, path);
+        if (!CHECK(ok))
+            printf("%s%s\n", a.faults.text ? a.faults.text : "", a.message);
+        strcpy(strstr(path, "case.inp"), "case.case");
+        ok = case_read(&b, path) && ok;
+        if (CHECK(ok)) {
+            int loads = b.mesh.node_count < (getenv("CHECK_SLOW") ? 30000 : 700);
+            body_difference d = bodies_differ(&b, &a, loads);
+            double most = fmax(fmax(d.nodes, d.materials), fmax(d.supports, d.loads));
+            if (!CHECK(d.nodes <= digits[0] && d.materials <= digits[1] && d.supports <= digits[2] &&
+                       d.loads <= digits[3]) ||
+                !CHECK(d.same_elements && d.same_axes && d.same_solve))
+                printf("%s: nodes %.1e, materials %.1e, supports %.1e, loads %.1e, %d %d %d\n", reference_names[i],
+                       d.nodes, d.materials, d.supports, d.loads, d.same_elements, d.same_axes, d.same_solve);
+            worst = fmax(worst, most);
+        }
+        case_free(&a);
+        case_free(&b);
+    }
+    printf("  reference cases: %.1e apart\n", worst);
+}
+
+/* Reads a case, writes it as an input file, reads and writes that as a case again, and reads it: the bodies of all
+ * three are the same, to the last bit. */
+static void check_round(const char *path, int loads)
+{
+    static const char inp[] = "build/test_inp_round.inp", again[] = "build/test_inp_round.case";
+    case_file a, b, c;
+    int ok = case_read(&a, path) && inp_write(&a, inp, 0);
+    if (!CHECK(ok))
+        printf("%s:%d: %s\n", path, a.error_line, a.message);
+    ok = inp_read(&b, inp) && case_write(&b, again, NULL);
+    if (!CHECK(ok))
+        printf("%s: %s%s\n", path, b.faults.text ? b.faults.text : "", b.message);
+    ok = case_read(&c, again) && ok;
+    if (!CHECK(ok)) {
+        printf("%s: %d: %s\n", path, c.error_line, c.message);
+    } else {
+        body_difference d = bodies_differ(&a, &b, loads), e = bodies_differ(&a, &c, loads);
+        double most = fmax(fmax(d.nodes, d.materials), fmax(d.supports, d.loads));
+        most = fmax(most, fmax(fmax(e.nodes, e.materials), fmax(e.supports, e.loads)));
+        CHECK(d.same_elements && d.same_axes && d.same_solve && e.same_elements && e.same_axes && e.same_solve);
+        CHECK_INT(b.notes.count, 0);
+        CHECK(a.material.density == c.material.density);
+        CHECK(a.solve->number[CASE_STEPS] == c.solve->number[CASE_STEPS]);
+        CHECK(a.solve->number[CASE_TOL] == c.solve->number[CASE_TOL]);
+        if (!CHECK(most == 0))
+            printf("%s: nodes %.1e, materials %.1e, supports %.1e, loads %.1e\n", path, e.nodes, e.materials,
+                   e.supports, e.loads);
+    }
+    case_free(&a);
+    case_free(&b);
+    case_free(&c);
+}
+
+static void test_round(void)
+{
+    for (int i = 0; i < REFERENCE_COUNT; i++) {
+        char path[512];
+        if (!reference_path(path, sizeof path, i, "case.case")) {
+            CHECK_SKIP("no ../shared/reference");
+            return;
+        }
+        if (strstr(path, "fine") && !getenv("CHECK_SLOW"))
+            continue;
+        check_round(path, strstr(path, "uniaxial") || strstr(path, "lin_") || getenv("CHECK_SLOW"));
+    }
+}
+
+/* Writes a case of a random beam in random words: two regions or one, all laws, all loads; and its lists. */
+static void write_random_case(const char *path, unsigned long long *state)
+{
+    static const sb_element_type types[] = {SB_TET4, SB_TET10, SB_HEX8, SB_HEX20};
+    static const char *const laws[] = {"svk E=%.17g nu=.3", "neo_hookean C10=%.17g D1=1e-5",
+                                       "mooney_rivlin C10=%.17g C01=-1.5 D1=3.3333333333333333e-4",
+                                       "reduced_polynomial C10=%.17g C20=7 C30=.1 D1=.002"};
+    double size = pow(10, 3 * (int)check_random_in(state, -1, 2));
+    int two = check_random(state) < 0.5, dynamic = check_random(state) < 0.5;
+    sb_mesh mesh;
+    sb_error error;
+    FILE *file = fopen(path, "w"), *list;
+    memset(&mesh, 0, sizeof mesh);
+    CHECK_OK(sb_mesh_beam(types[(int)check_random_in(state, 0, 4)], 2, 2, 3,
+                          sb_v3((sb_real)(size * check_random_in(state, 1, 2)), (sb_real)size, (sb_real)size), NULL,
+                          &mesh, &error));
+    mesh.regions = (int *)calloc((size_t)mesh.element_count, sizeof(int));
+    for (int e = 0; e < mesh.element_count && mesh.regions; e++)
+        mesh.regions[e] = two && e % 3 == 0 ? 42 : 7;
+    CHECK_OK(sb_mesh_save_vtk("build/test_inp_random.vtk", &mesh, NULL, 0, &error));
+    free(mesh.regions);
+    mesh.regions = NULL;
+    if (!CHECK(file != NULL)) {
+        sb_mesh_free(&mesh);
+        return;
+    }
+    fprintf(file, "mesh test_inp_random.vtk\n");
+    for (int k = 0; k <= two; k++) {
+        fprintf(file, "material ");
+        fprintf(file, laws[(int)check_random_in(state, 0, 4)], check_random_in(state, 100, 1e5));
+        fprintf(file, " density=%.17g region=%d\n", check_random_in(state, 900, 1100), k ? 42 : 7);
+    }
+    fprintf(file, "gravity %.17g 0 %.17g\n", check_random_in(state, -9, 9), check_random_in(state, -9, 9));
+    list = fopen("build/test_inp_fix", "w");
+    for (int i = 0; i < mesh.node_count && list; i++)
+        if (mesh.nodes[i].x == 0)
+            fprintf(list, "%d\n", i);
+    CHECK(list && fclose(list) == 0);
+    fprintf(file, "fix %s nodes=test_inp_fix\n", check_random(state) < 0.5 ? "xyz" : "zx");
+    list = fopen("build/test_inp_move", "w");
+    for (int i = 0; i < mesh.node_count && list; i++)
+        if (mesh.nodes[i].x > (sb_real)(0.999 * size) && i % 2)
+            fprintf(list, "%d %.17g 0 %.17g\n", i, size * check_random_in(state, -.01, .01),
+                    size * check_random_in(state, -.01, .01));
+    CHECK(list && fclose(list) == 0);
+    fprintf(file, "prescribe xyz file=test_inp_move%s\n", dynamic ? " ramp=.3" : "");
+    list = fopen("build/test_inp_push", "w");
+    for (int i = 0; i < mesh.node_count && list; i++)
+        if (i % 3 == 0)
+            fprintf(list, "%d %.17g %.17g 0\n", i, check_random_in(state, -1e-3, 1e-3), check_random_in(state, -1, 1));
+    CHECK(list && fclose(list) == 0);
+    fprintf(file, "force file=test_inp_push\n");
+    list = fopen("build/test_inp_face", "w"); /* sides of the elements, whatever they are */
+    for (int e = 0; e < mesh.element_count && list; e++)
+        for (int k = 0; k < sb_element_face_count(mesh.element_type); k++) {
+            int local[SB_MAX_FACE_NODES], out = 1, corners = sb_element_corner_count(mesh.element_type) == 8 ? 4 : 3;
+            const int *cell = mesh.elements + (size_t)e * (size_t)sb_mesh_element_width(&mesh);
+            sb_element_face(mesh.element_type, k, local, NULL);
+            for (int a = 0; a < corners; a++)
+                out &= mesh.nodes[cell[local[a]]].z == 0;
+            for (int a = 0; a < corners && out; a++)
+                fprintf(list, "%d ", cell[local[a]]);
+            fprintf(list, "\n");
+        }
+    CHECK(list && fclose(list) == 0);
+    fprintf(file, "pressure faces=test_inp_face value=%.17g\n", check_random_in(state, -3, 3));
+    if (dynamic)
+        fprintf(file, "solve newmark dt=%.17g end=1 tol=1e-7\noutput probe 5 p\n", check_random_in(state, .01, .1));
+    else
+        fprintf(file, "solve static steps=%d tol=1e-8\noutput displacement u\noutput reaction r\n",
+                (int)check_random_in(state, 1, 20));
+    CHECK(fclose(file) == 0);
+    sb_mesh_free(&mesh);
+}
+
+static void test_random_round(void)
+{
+    unsigned long long state = 2026;
+    for (int i = 0; i < check_rounds(25); i++) {
+        write_random_case("build/test_inp_random.case", &state);
+        check_round("build/test_inp_random.case", 1);
+    }
+}
+
+/* Allocations, sets and continuation at the size of an organ: 100,000 elements. */
+static void test_size(void)
+{
+    static const char path[] = "build/test_inp_size.inp";
+    int n = check_quick() ? 8 : 26, at = 0; /* 26^3 cells of 6 tets: 105,456 */
+    sb_mesh mesh;
+    case_file c;
+    sb_error error;
+    clock_t begin;
+    memset(&mesh, 0, sizeof mesh);
+    CHECK_OK(sb_mesh_beam(SB_TET4, n, n, n, sb_v3(1, 1, 1), NULL, &mesh, &error));
+    FILE *file = fopen(path, "wb");
+    if (!CHECK(file != NULL)) {
+        sb_mesh_free(&mesh);
+        return;
+    }
+    fprintf(file, "*NODE, NSET=ALL\n");
+    for (int i = 0; i < mesh.node_count; i++)
+        fprintf(file, "%d, %.9g, %.9g, %.9g\n", i + 1, (double)mesh.nodes[i].x, (double)mesh.nodes[i].y,
+                (double)mesh.nodes[i].z);
+    fprintf(file, "*ELEMENT, TYPE=C3D4, ELSET=ALL\n");
+    for (int e = 0; e < mesh.element_count; e++, at += 4)
+        fprintf(file, "%d, %d, %d, %d, %d\n", e + 1, mesh.elements[at] + 1, mesh.elements[at + 1] + 1,
+                mesh.elements[at + 2] + 1, mesh.elements[at + 3] + 1);
+    fprintf(file, "*NSET, NSET=END\n1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15, 16,\n17\n"
+                  "*MATERIAL, NAME=M\n*ELASTIC\n1000, .3\n*SOLID SECTION, ELSET=ALL, MATERIAL=M\n"
+                  "*BOUNDARY\nEND, 1, 3\n*STEP\n*STATIC\n*END STEP\n");
+    CHECK(fclose(file) == 0);
+    begin = clock();
+    int ok = inp_read(&c, path);
+    printf("  %d elements read in %.2f s\n", mesh.element_count, (double)(clock() - begin) / (double)CLOCKS_PER_SEC);
+    if (!CHECK(ok))
+        printf("%s%s\n", c.faults.text ? c.faults.text : "", c.message);
+    CHECK_INT(c.mesh.element_count, mesh.element_count);
+    CHECK(c.mesh.elements && memcmp(c.mesh.elements, mesh.elements, (size_t)at * sizeof(int)) == 0);
+    case_free(&c);
+    sb_mesh_free(&mesh);
+    remove(path);
+}
+
+CHECK_SUITE(inp, {"a column in all forms of lines", test_column}, {"ten mistakes", test_mistakes},
+            {"mistakes, one at a time", test_refused}, {"loads and supports over steps", test_steps},
+            {"equations, CRLF", test_equation}, {"faces by number and surface", test_faces}, {"numbers", test_numbers},
+            {"reference cases", test_reference}, {"reference cases there and back", test_round},
+            {"random cases there and back", test_random_round}, {"100,000 elements", test_size});
