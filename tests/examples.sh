@@ -1,7 +1,7 @@
 #!/bin/sh
-# Runs hello, custom_element, demo, viscoelastic, haptic_loop, liver_models, surface_to_sim, cylinder_study, particles_study, the needle
-# Runs case_convert, hello, custom_element, demo, viscoelastic, haptic_loop, liver_models, surface_to_sim, cylinder_study, the needle
-# programs, grasp, palpation, identify, drop, igtl_server, igtl_client, cut_scalpel, cautery, cut_resect, cut_force, cut_study, one_body, register_liver and insilico as
+# Runs case_convert, hello, custom_element, demo, viscoelastic, haptic_loop, liver_models, surface_to_sim, cylinder_study,
+# particles_study, the needle programs, grasp, palpation, identify, drop, igtl_server, igtl_client, cut_scalpel, cautery, cut_resect,
+# cut_force, cut_study, one_body, register_liver, track_liver and insilico as
 # a user would, with good and bad arguments and files:
 #
 #     tests/examples.sh PROGRAMS FOLDER       programs in PROGRAMS (build), files into FOLDER, which is emptied
