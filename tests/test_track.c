@@ -104,7 +104,7 @@ static void test_organs(void)
         }
         motion_free(&m);
     }
-    CHECK(sums[0] < sums[1]);
+    CHECK(organs == 1 || sums[0] < sums[1]);
 }
 
 /* ---- a box ---- */

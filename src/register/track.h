@@ -22,6 +22,13 @@
  * large, or far fewer points than lately to be believed) are a jump: all is open again about where the organ was, and
  * the next frames search wider.
  *
+ * What to take it for: five random organs of 0.3 m, of another mesh and law than the model's (450 to 530 nodes), drawn
+ * by 3 % of their size over a wide part and swaying, seen from above by 600 points of 0.7 mm noise ten times a second:
+ * 1.5 to 2.1 mm off inside on the mean (2.7 to 3.4 expected), where a tracker of poses is 1.9 to 2.5 off; worst 1.06
+ * times that. A breathing liver (examples/track_liver.c): 1.1 mm, 2.0 expected, 2.3 in drop-outs of 0.4 s. A frame of
+ * 700 points and a model of 1,887 nodes takes 3 ms of one core. Where nothing holds the organ, slides of its surface
+ * along itself are a matter of the prior: errors grow to those of an inference there.
+ *
  * The shapes are linear about the start. Strains of a tenth, or parts that turn by 20 degrees against each other, are
  * beyond that: restart about where the organ is then (reg_track_restart).
  *
