@@ -3,7 +3,7 @@
  *     lines --inp_parse--> nodes, elements, sets, materials, entries --inp_build--> case_file
  *
  * Taken are: *NODE, *ELEMENT (C3D4, C3D8, C3D10, C3D20), *NSET, *ELSET, *SURFACE of element faces, *INCLUDE within the
- * folder; *MATERIAL with *ELASTIC, *HYPERELASTIC (what foreign_laws has) and *DENSITY; *SOLID SECTION, *EQUATION,
+ * folder; *MATERIAL with *ELASTIC, *HYPERELASTIC (what foreign_laws has) and *DENSITY; *SOLID SECTION, *EQUATION, *TIE,
  * *AMPLITUDE that is a ramp; *BOUNDARY, *CLOAD, *DLOAD and *DSLOAD (P, GRAV), each with OP=; *STEP with *STATIC,
  * *DYNAMIC or *FREQUENCY. Requests for output say what is written. All else is refused, by name and line; what is wrong
  * is listed to the end of the file. Files have no units: they are SI's, unless a first comment has those of
@@ -77,13 +77,20 @@ typedef struct inp_amplitude {
     inp_place place;
 } inp_amplitude;
 
-/* A face of a set or an element in a named surface. */
+/* A face of a set or an element in a named surface; of a surface of nodes the face is -1. */
 typedef struct inp_surface_item {
     const char *surface, *target;
     int face;
 } inp_surface_item;
 
 typedef enum inp_kind { INP_BOUNDARY, INP_CLOAD, INP_PRESSURE, INP_SURFACE_PRESSURE, INP_GRAVITY } inp_kind;
+
+/* A pair of surfaces that are tied. */
+typedef struct inp_tie {
+    const char *slave, *master;
+    double distance; /* (m); 0: not said */
+    inp_place place;
+} inp_tie;
 
 /* One data line of a support or load, in the order of the file. */
 typedef struct inp_entry {
@@ -162,8 +169,9 @@ typedef struct inp_reader {
     inp_list flat; /* int: their labels */
     inp_list sets; /* inp_set */
     int set;       /* that is being filled, or -1 */
-    inp_list materials, sections, amplitudes, surface_items, entries, terms;
-    const char *surface;
+    inp_list materials, sections, amplitudes, surface_items, entries, terms, ties;
+    const char *surface;   /* that is being filled */
+    int of_nodes;          /* its TYPE=NODE */
     int fresh;             /* OP=NEW of the present card */
     const char *amplitude; /* its AMPLITUDE=, or NULL */
 
@@ -751,8 +759,9 @@ static inline void inp_data_amplitude(inp_reader *r, char **fields, int count)
 static inline void inp_begin_surface(inp_reader *r)
 {
     const char *type = inp_parameter_of(r, "TYPE");
-    if (type && strcmp(type, "ELEMENT") != 0)
-        inp_complain(r, r->card_place, "*SURFACE, TYPE=%.40s is not understood, only ELEMENT", type);
+    r->of_nodes = type && strcmp(type, "NODE") == 0;
+    if (type && !r->of_nodes && strcmp(type, "ELEMENT") != 0)
+        inp_complain(r, r->card_place, "*SURFACE, TYPE=%.40s is not understood, only ELEMENT and NODE", type);
     r->surface = inp_keep(r, inp_need(r, "NAME"));
 }
 
@@ -765,8 +774,8 @@ static inline int inp_face(const char *text, char letter)
 static inline void inp_data_surface(inp_reader *r, char **fields, int count)
 {
     inp_surface_item *item;
-    int face = count > 1 ? inp_face(inp_name(fields[1]), 'S') : -1;
-    if (face < 0) {
+    int face = count > 1 && !r->of_nodes ? inp_face(inp_name(fields[1]), 'S') : -1;
+    if (face < 0 && !r->of_nodes) {
         inp_complain(r, r->here, "a line of a surface is ELEMENTS, S1 to S6");
         return;
     }
@@ -776,6 +785,29 @@ static inline void inp_data_surface(inp_reader *r, char **fields, int count)
     item->surface = r->surface;
     item->target = inp_name(fields[0]);
     item->face = face;
+}
+
+static inline void inp_begin_tie(inp_reader *r)
+{
+    const char *adjust = inp_parameter_of(r, "ADJUST");
+    if (!adjust || strcmp(adjust, "NO") != 0)
+        inp_note(r, r->card_place, "slave nodes of *TIE stay where they are, as with ADJUST=NO");
+}
+
+/* SLAVE, MASTER */
+static inline void inp_data_tie(inp_reader *r, char **fields, int count)
+{
+    const char *distance = inp_parameter_of(r, "POSITIONTOLERANCE");
+    inp_tie *tie = (inp_tie *)inp_add(r, &r->ties, sizeof *tie);
+    if (!tie)
+        return;
+    tie->place = r->here;
+    tie->slave = inp_name(fields[0]);
+    tie->master = count > 1 ? inp_name(fields[1]) : "";
+    if (count != 2)
+        inp_complain(r, r->here, "a line of *TIE is SLAVE SURFACE, MASTER SURFACE");
+    if (distance && inp_take_number(r, distance, 0, &tie->distance) && !(tie->distance > 0))
+        inp_complain(r, r->card_place, "POSITION TOLERANCE must be > 0");
 }
 
 /* ---- supports and loads ------------------------------------------------------------------------------------ */
@@ -1039,6 +1071,7 @@ static const inp_keyword inp_keywords[] = {
     {"NSET", " NSET GENERATE ELSET UNSORTED INTERNAL ", INP_ANYWHERE, inp_begin_set, inp_data_set, 0, 0},
     {"ELSET", " ELSET GENERATE UNSORTED INTERNAL ", INP_ANYWHERE, inp_begin_set, inp_data_set, 0, 0},
     {"SURFACE", " NAME TYPE INTERNAL ", INP_IN_MODEL, inp_begin_surface, inp_data_surface, 1, 0},
+    {"TIE", " NAME ADJUST POSITIONTOLERANCE ", INP_IN_MODEL, inp_begin_tie, inp_data_tie, 1, 0},
     {"MATERIAL", " NAME ", INP_IN_MODEL, inp_begin_material, NULL, 0, 0},
     {"ELASTIC", " TYPE ", INP_IN_MATERIAL, inp_begin_elastic, inp_data_law, 1, 0},
     {"HYPERELASTIC", NULL, INP_IN_MATERIAL, inp_begin_hyperelastic, inp_data_law, 1, 0},
@@ -1602,12 +1635,12 @@ static inline void inp_press_surface(inp_reader *r, const inp_entry *e, double v
     const inp_surface_item *items = (const inp_surface_item *)r->surface_items.items;
     int found = 0;
     for (int i = 0; i < r->surface_items.count; i++)
-        if (strcmp(items[i].surface, e->target) == 0) {
+        if (strcmp(items[i].surface, e->target) == 0 && items[i].face >= 0) {
             inp_press(r, e, items[i].target, items[i].face, value);
             found = 1;
         }
     if (!found)
-        inp_complain(r, e->place, "there is no surface %.80s", e->target);
+        inp_complain(r, e->place, "there is no surface %.80s of elements", e->target);
 }
 
 static inline void inp_attract(inp_reader *r, const inp_entry *e, double value)
@@ -1851,6 +1884,92 @@ static inline void inp_add_equations(inp_reader *r)
     }
 }
 
+static inline void inp_set_option(case_statement *s, case_key key, double value)
+{
+    s->given |= CASE_BIT(key);
+    s->number[key] = value;
+}
+
+/* Nodes of a face of an element, those between its corners too, each once in a list. */
+static inline void inp_add_face_nodes(inp_reader *r, case_statement *nodes, unsigned char *seen, int element, int face)
+{
+    const sb_mesh *mesh = &r->c->mesh;
+    const int *cell = mesh->elements + (size_t)element * (size_t)sb_mesh_element_width(mesh);
+    int local[SB_MAX_FACE_NODES], count = sb_element_face(mesh->element_type, face, local, NULL);
+    for (int i = 0; i < count && !r->no_memory; i++)
+        if (!seen[cell[local[i]]]) {
+            seen[cell[local[i]]] = 1;
+            inp_add_node(r, nodes, cell[local[i]], sb_v3(0, 0, 0));
+        }
+}
+
+/* One line of a surface, as nodes where `seen` is there, else as faces of s. */
+static inline void inp_add_surface_item(inp_reader *r, const inp_tie *t, const inp_surface_item *item,
+                                        case_statement *s, unsigned char *seen)
+{
+    int single = -1, count, of_nodes = item->face < 0;
+    const int *targets = inp_targets(r, item->target, !of_nodes, t->place, &single, &count);
+    if (of_nodes && !seen) {
+        inp_complain(r, t->place, "the master %.80s must be a surface of elements", t->master);
+        return;
+    }
+    if (item->face >= foreign_face_count(r->element->type)) {
+        inp_complain(r, t->place, "a %s has no face %d", r->element->inp, item->face + 1);
+        return;
+    }
+    for (int i = 0; i < count && !r->no_memory; i++) {
+        int face = of_nodes ? -1 : foreign_face(r->element->type, item->face);
+        if (!seen)
+            r->no_memory |= !case_add_face(r->c, s, targets[i], face);
+        else if (!of_nodes)
+            inp_add_face_nodes(r, s, seen, targets[i], face);
+        else if (!seen[targets[i]]) {
+            seen[targets[i]] = 1;
+            inp_add_node(r, s, targets[i], sb_v3(0, 0, 0));
+        }
+    }
+}
+
+/* The nodes or faces of a named surface. */
+static inline void inp_add_surface(inp_reader *r, const inp_tie *t, const char *name, case_statement *s,
+                                   unsigned char *seen)
+{
+    const inp_surface_item *items = (const inp_surface_item *)r->surface_items.items;
+    int found = 0;
+    for (int i = 0; i < r->surface_items.count; i++)
+        if (strcmp(items[i].surface, name) == 0) {
+            inp_add_surface_item(r, t, items + i, s, seen);
+            found = 1;
+        }
+    if (!found)
+        inp_complain(r, t->place, "there is no surface %.80s", name);
+    else if (s->count == 0 && r->c->faults.count == 0)
+        inp_complain(r, t->place, "the surface %.80s is empty", name);
+}
+
+static inline void inp_add_ties(inp_reader *r)
+{
+    for (int i = 0; i < r->ties.count && !r->no_memory; i++) {
+        const inp_tie *t = (const inp_tie *)r->ties.items + i;
+        unsigned char *seen = (unsigned char *)inp_allocate(r, (size_t)r->nodes.count, 1);
+        case_statement nodes,
+            *s = inp_statement(r, CASE_TIE, NULL, CASE_BIT(CASE_NODES) | CASE_BIT(CASE_FACES), t->place);
+        memset(&nodes, 0, sizeof nodes);
+        nodes.form = case_form_of(CASE_FIX);
+        if (s && seen) {
+            inp_add_surface(r, t, t->slave, &nodes, seen);
+            inp_add_surface(r, t, t->master, s, NULL);
+            s->nodes = nodes.nodes;
+            s->tied_count = nodes.count;
+            nodes.nodes = NULL;
+            if (t->distance > 0)
+                inp_set_option(s, CASE_DISTANCE, t->distance);
+        }
+        case_free_statement(&nodes);
+        free(seen);
+    }
+}
+
 /* ---- building: materials ----------------------------------------------------------------------------------- */
 
 /* The region of a section: the number at the end of its set's name, where all sections have one and no two the same;
@@ -1894,12 +2013,6 @@ static inline int inp_check_volume_terms(inp_reader *r, const inp_material *m)
     inp_complain(r, m->law_place, "D1 of %.80s must be > 0: material that cannot change its volume is not known here",
                  m->name);
     return 0;
-}
-
-static inline void inp_set_option(case_statement *s, case_key key, double value)
-{
-    s->given |= CASE_BIT(key);
-    s->number[key] = value;
 }
 
 /* The options of a material statement. */
@@ -2114,6 +2227,7 @@ static inline void inp_add_statements(inp_reader *r)
     inp_add_forces(r);
     inp_add_pressures(r);
     inp_add_equations(r);
+    inp_add_ties(r);
     if (!r->procedure)
         inp_complain(r, r->here, "there is no *STEP with *STATIC, *DYNAMIC or *FREQUENCY");
     else if (inp_is_dynamic(r))
@@ -2158,7 +2272,7 @@ static inline void inp_free(inp_reader *r)
 {
     inp_list *lists[] = {&r->sources, &r->nodes,     &r->elements, &r->element_nodes, &r->flat,
                          &r->sets,    &r->materials, &r->sections, &r->amplitudes,    &r->surface_items,
-                         &r->entries, &r->terms,     &r->probes,   &r->pressures};
+                         &r->ties,    &r->entries,   &r->terms,    &r->probes,        &r->pressures};
     for (int i = 1; i < r->sources.count; i++) { /* the first is the case's */
         free(inp_sources(r)[i].text);
         free(inp_sources(r)[i].path);

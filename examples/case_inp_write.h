@@ -106,6 +106,7 @@ static inline int inp_can_say(inp_writer *w, const case_statement *s)
                                  (double)s->values[i]);
         return 1;
     case CASE_SPRING:
+    case CASE_TIE:
     case CASE_CUT: return case_fail(w->c, s->line, "%s %s cannot be said in an input file", s->form->keyword, what);
     default: return 1;
     }

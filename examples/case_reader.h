@@ -110,6 +110,7 @@ typedef enum case_kind {
     CASE_PRESSURE,
     CASE_SPRING,
     CASE_EQUATION,
+    CASE_TIE,
     CASE_CUT,
     CASE_SOLVE,
     CASE_OUTPUT,
@@ -181,6 +182,7 @@ static const case_form case_forms[] = {
     {"pressure", NULL, "", CASE_BIT(CASE_FACES) | CASE_BIT(CASE_PRESSURE_VALUE), 0, CASE_PRESSURE, 0, 0},
     {"spring", NULL, "", CASE_BIT(CASE_FILE), 0, CASE_SPRING, 0, 0},
     {"equation", NULL, "", CASE_BIT(CASE_FILE), 0, CASE_EQUATION, 0, 0},
+    {"tie", NULL, "", CASE_BIT(CASE_NODES) | CASE_BIT(CASE_FACES), CASE_BIT(CASE_DISTANCE), CASE_TIE, 0, 0},
     {"cut", "plane", "nnnnnn", 0, CASE_BIT(CASE_LATTICE), CASE_CUT, CASE_CUT_PLANE, 0},
     {"cut", "polygon", "", CASE_BIT(CASE_FILE), CASE_BIT(CASE_LATTICE), CASE_CUT, CASE_CUT_POLYGON, 0},
     {"cut", "surface", "", CASE_BIT(CASE_FILE), CASE_BIT(CASE_LATTICE), CASE_CUT, CASE_CUT_SURFACE, 0},
@@ -248,6 +250,7 @@ typedef struct case_statement {
     int *term_counts;   /* [count] */
     sb_constraint_term *terms; /* [term_count] of all equations, one after the other; the first of each is the slave */
     int term_count, term_capacity;
+    int tied_count; /* of `nodes` of a tie, whose `count` is of its faces */
 } case_statement;
 
 /* Messages, one a line, each with the file and line it is about. */
@@ -998,7 +1001,7 @@ static inline int case_face_corners(const case_file *c)
 
 static inline int case_has_faces(const case_statement *s)
 {
-    return s->form->kind == CASE_TRACTION || s->form->kind == CASE_PRESSURE;
+    return s->form->kind == CASE_TRACTION || s->form->kind == CASE_PRESSURE || s->form->kind == CASE_TIE;
 }
 
 static inline int case_add_face(case_file *c, case_statement *s, int element, int face)
@@ -1444,15 +1447,49 @@ static inline int case_load_list(case_file *c, case_statement *s, const char *na
     return ok;
 }
 
+/* The list of a statement under one of its options: of a file, or of a selection. */
+static inline int case_take_list(case_file *c, case_statement *s, case_key key)
+{
+    const char *name = s->text[key];
+    return name[0] == '@' && key != CASE_FILE ? case_take_selection(c, s, name) : case_load_list(c, s, name);
+}
+
+/* The first form of a kind. */
+static inline const case_form *case_form_of(case_kind kind)
+{
+    const case_form *form = case_forms;
+    while (form->kind != kind)
+        form++;
+    return form;
+}
+
+/* The nodes of a tie, which has a list of faces besides: they are read as those of supports are. */
+static inline int case_take_tied(case_file *c, case_statement *s)
+{
+    case_statement nodes;
+    int ok;
+    memset(&nodes, 0, sizeof nodes);
+    nodes.line = s->line;
+    nodes.form = case_form_of(CASE_FIX);
+    nodes.text[CASE_NODES] = s->text[CASE_NODES];
+    ok = case_take_list(c, &nodes, CASE_NODES);
+    s->nodes = nodes.nodes;
+    s->tied_count = nodes.count;
+    nodes.nodes = NULL;
+    case_free_statement(&nodes);
+    return ok;
+}
+
 static inline int case_load_lists(case_file *c)
 {
     static const case_key lists[] = {CASE_NODES, CASE_FACES, CASE_FILE};
     for (int i = 0; i < c->statement_count; i++)
         for (int k = 0; k < 3; k++) {
             case_statement *s = c->statements + i;
-            if (s->form->kind != CASE_CUT && (s->given & CASE_BIT(lists[k])) &&
-                !(s->text[lists[k]][0] == '@' && lists[k] != CASE_FILE ? case_take_selection(c, s, s->text[lists[k]])
-                                                                       : case_load_list(c, s, s->text[lists[k]])))
+            if (s->form->kind == CASE_CUT || !(s->given & CASE_BIT(lists[k])) || !s->text[lists[k]])
+                continue;
+            if (s->form->kind == CASE_TIE && lists[k] == CASE_NODES ? !case_take_tied(c, s)
+                                                                    : !case_take_list(c, s, lists[k]))
                 return 0;
         }
     return 1;
@@ -1900,6 +1937,16 @@ static inline sb_result case_add_loads(const case_file *c, sb_body *body, unsign
     return result;
 }
 
+/* Ties nodes to faces as they lie; one that is too far off is an error. */
+static inline int case_tie(case_file *c, sb_body *body, const case_statement *s)
+{
+    sb_real distance = s->given & CASE_BIT(CASE_DISTANCE) ? (sb_real)s->number[CASE_DISTANCE] : -1;
+    sb_error error;
+    return sb_body_tie_faces(body, s->faces, s->count, case_face_corners(c), s->nodes, s->tied_count, distance,
+                             SB_TIE_ALL, NULL, &error) == SB_OK ||
+           case_fail_library(c, s->line, &error);
+}
+
 /* Equations are among nodes that supports leave free, or hang on those. */
 static inline int case_add_equations(case_file *c, sb_body *body)
 {
@@ -1909,6 +1956,8 @@ static inline int case_add_equations(case_file *c, sb_body *body)
         if (s->form->kind == CASE_EQUATION &&
             sb_body_add_constraints(body, s->terms, s->term_counts, s->values, s->count, NULL, &error) != SB_OK)
             return case_fail_library(c, s->line, &error);
+        if (s->form->kind == CASE_TIE && !case_tie(c, body, s))
+            return 0;
     }
     return 1;
 }

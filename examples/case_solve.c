@@ -51,6 +51,7 @@ static const char help[] =
     "  spring    file=FILE                   lines: NODE K X Y Z, N/m to a point in space\n"
     "  equation  file=FILE                   lines: VALUE NODE AXIS C [NODE AXIS C] ..., sum of C u = VALUE (m); the\n"
     "                                        first displacement follows from the others\n"
+    "  tie       nodes=FILE faces=FILE [distance=D]     nodes go with the faces that they lie on (within D)\n"
     "  cut       plane PX PY PZ NX NY NZ     through a point across a normal, at rest, before the solve; tet4, tet10\n"
     "  cut       polygon file=FILE           lines: X Y Z, corners of a polygon: triangles from the first\n"
     "  cut       surface file=FILE           a surface, e.g. one closed around what is to come loose. Each of the "

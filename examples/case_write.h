@@ -38,7 +38,8 @@ static inline case_key case_list_key(const case_statement *s)
     switch (s->form->kind) {
     case CASE_FIX: return CASE_NODES;
     case CASE_TRACTION:
-    case CASE_PRESSURE: return CASE_FACES;
+    case CASE_PRESSURE:
+    case CASE_TIE: return CASE_FACES;
     case CASE_PRESCRIBE:
     case CASE_FORCE:
     case CASE_SPRING:
@@ -188,6 +189,18 @@ static inline int case_write_mesh(case_writer *w, const case_statement *s)
     return ok;
 }
 
+/* A tie has two lists: that of its nodes is written as that of a support. */
+static inline int case_write_tied(case_writer *w, const case_statement *s)
+{
+    case_statement nodes;
+    memset(&nodes, 0, sizeof nodes);
+    nodes.line = s->line;
+    nodes.form = case_form_of(CASE_FIX);
+    nodes.nodes = s->nodes;
+    nodes.count = s->tied_count;
+    return case_write_list(w, &nodes);
+}
+
 static inline int case_write_statement(case_writer *w, const case_statement *s)
 {
     if (s == w->c->mesh_statement)
@@ -198,6 +211,8 @@ static inline int case_write_statement(case_writer *w, const case_statement *s)
         return case_fail(w->c, s->line, "the file of a cut is not written anew: cut plane is");
     fprintf(w->file, "%s%s%s", s->form->keyword, s->form->variant ? " " : "", s->form->variant ? s->form->variant : "");
     case_write_words(w, s);
+    if (s->form->kind == CASE_TIE && !case_write_tied(w, s))
+        return 0;
     if (case_list_key(s) != CASE_KEY_COUNT && !case_write_list(w, s))
         return 0;
     case_write_options(w, s);

@@ -280,6 +280,59 @@ static void test_faces(void)
     }
 }
 
+/* Two bars of bricks whose meshes do not match are tied by surfaces, and stretch as one. */
+static void test_tie(void)
+{
+    static const char *const mesh =
+        "*NODE\n1,0,0,0\n2,1,0,0\n3,1,1,0\n4,0,1,0\n5,0,0,1\n6,1,0,1\n7,1,1,1\n8,0,1,1\n"
+        "11,0,0,1\n12,.5,0,1\n13,1,0,1\n14,0,1,1\n15,.5,1,1\n16,1,1,1\n"
+        "21,0,0,2\n22,.5,0,2\n23,1,0,2\n24,0,1,2\n25,.5,1,2\n26,1,1,2\n"
+        "*ELEMENT, TYPE=C3D8, ELSET=LOW\n1,1,2,3,4,5,6,7,8\n*ELEMENT, TYPE=C3D8, ELSET=HIGH\n"
+        "2,11,12,15,14,21,22,25,24\n3,12,13,16,15,22,23,26,25\n*ELSET, ELSET=ALL\nLOW,HIGH\n"
+        "*MATERIAL, NAME=M\n*ELASTIC\n1000,0\n*DENSITY\n1\n*SOLID SECTION, ELSET=ALL, MATERIAL=M\n"
+        "*NSET, NSET=SEAM, GENERATE\n11,16\n*SURFACE, NAME=MASTER\nLOW, S2\n*SURFACE, NAME=SLAVE\nHIGH, S1\n"
+        "*SURFACE, NAME=NODES, TYPE=NODE\nSEAM\n";
+    static const char *const step = "*BOUNDARY\n1,1,3\n2,1,3\n3,1,3\n4,1,3\n*STEP\n*STATIC\n*BOUNDARY\n21,3,3,.2\n"
+                                    "22,3,3,.2\n23,3,3,.2\n24,3,3,.2\n25,3,3,.2\n26,3,3,.2\n";
+    static const char *const ties[] = {"*TIE, NAME=T, ADJUST=NO\nSLAVE, MASTER\n",
+                                       "*TIE, ADJUST=NO, POSITION TOLERANCE=.01\nNODES, MASTER\n"};
+    static const struct {
+        const char *tie, *words;
+    } wrong[] = {{"*TIE, ADJUST=NO\nSLAVE, NODES\n", "must be a surface of elements"},
+                 {"*TIE, ADJUST=NO\nSLAVE, NOWHERE\n", "there is no surface NOWHERE"},
+                 {"*TIE, ADJUST=NO\nSLAVE\n", "SLAVE SURFACE, MASTER SURFACE"},
+                 {"*TIE, ADJUST=NO, POSITION TOLERANCE=0\nSLAVE, MASTER\n", "must be > 0"}};
+    char text[4096];
+    for (int k = 0; k < 2; k++) {
+        snprintf(text, sizeof text, "%s%s%s", mesh, ties[k], step);
+        CHECK_NEAR(solve_text(text, 12).z, 0.1, SB_REAL_IS_FLOAT ? 1e-5 : 1e-10);
+        CHECK_NEAR(solve_text(text, 6).z, 0.1, SB_REAL_IS_FLOAT ? 1e-5 : 1e-10);
+    }
+    for (int k = 0; k < 4; k++) {
+        case_file c;
+        snprintf(text, sizeof text, "%s%s%s", mesh, wrong[k].tie, step);
+        CHECK(!read_text(&c, text));
+        CHECK(strstr(c.message, wrong[k].words) != NULL);
+        case_free(&c);
+    }
+    case_file a, b; /* as a case file, with its two lists */
+    snprintf(text, sizeof text, "%s%s%s", mesh, ties[1], step);
+    CHECK(read_text(&a, text) && case_write(&a, "build/test_inp_tie.case", NULL));
+    CHECK(case_read(&b, "build/test_inp_tie.case"));
+    for (int i = 0; i < a.statement_count && i < b.statement_count; i++) {
+        const case_statement *s = a.statements + i, *t = b.statements + i;
+        CHECK(s->form == t->form);
+        if (s->form->kind != CASE_TIE)
+            continue;
+        CHECK_INT(s->tied_count, 6);
+        CHECK(t->tied_count == 6 && memcmp(s->nodes, t->nodes, 6 * sizeof(int)) == 0);
+        CHECK(t->count == 1 && memcmp(s->faces, t->faces, 4 * sizeof(int)) == 0);
+        CHECK(t->number[CASE_DISTANCE] == 0.01);
+    }
+    case_free(&a);
+    case_free(&b);
+}
+
 /* Numbers: written and read again, shifted, they are the same; and CalculiX sees them in 20 characters. */
 static void test_numbers(void)
 {
@@ -576,6 +629,7 @@ static void test_size(void)
 
 CHECK_SUITE(inp, {"a column in all forms of lines", test_column}, {"ten mistakes", test_mistakes},
             {"mistakes, one at a time", test_refused}, {"loads and supports over steps", test_steps},
-            {"equations, CRLF", test_equation}, {"faces by number and surface", test_faces}, {"numbers", test_numbers},
-            {"reference cases", test_reference}, {"reference cases there and back", test_round},
-            {"random cases there and back", test_random_round}, {"100,000 elements", test_size});
+            {"equations, CRLF", test_equation}, {"faces by number and surface", test_faces},
+            {"tied surfaces", test_tie}, {"numbers", test_numbers}, {"reference cases", test_reference},
+            {"reference cases there and back", test_round}, {"random cases there and back", test_random_round},
+            {"100,000 elements", test_size});
