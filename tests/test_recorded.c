@@ -22,7 +22,7 @@ typedef struct actor {
     sb_body *body;
     reg_match *match; /* made before the recording; NULL where there are constraints */
     reg_nicp *nicp;
-    int free_nodes[2], pressure, springs, mapping, constraint;
+    int free_nodes[2], pressure, springs, cable, mapping, constraint;
     void *state;
     size_t state_size;
     const char *path; /* of a state's file */
@@ -159,6 +159,13 @@ static sb_result act_place(actor *a)
         to[i] = sb_v3_add(sb_body_positions(a->body)[a->free_nodes[i]], sb_v3(0, REAL(0.001), 0));
     return sb_body_place(a->body, a->free_nodes, 2, SB_Y, to, NULL);
 }
+static sb_result act_place_rigid(actor *a)
+{
+    sb_vec3 centre = a->mesh.nodes[a->free_nodes[0]], position = centre;
+    sb_quat turn = {0, 0, REAL(0.01), 1};
+    position.y += REAL(0.001);
+    return sb_body_place_rigid(a->body, a->free_nodes, 2, centre, position, turn, NULL);
+}
 static sb_result act_let_go(actor *a) { return sb_body_release(a->body, a->boundary.nodes, 1, SB_XYZ, NULL); }
 static sb_result act_displace(actor *a)
 {
@@ -288,6 +295,30 @@ static sb_result act_spring_stiffness(actor *a)
 {
     sb_real stiffness[2] = {1, 9};
     return sb_body_set_spring_stiffness(a->body, a->springs, stiffness, 0);
+}
+static sb_result act_add_cable(actor *a)
+{
+    int nodes[3] = {a->free_nodes[0], -1, a->free_nodes[1]};
+    sb_vec3 places[3] = {{0, 0, 0}, {REAL(0.05), REAL(0.1), 0}, {0, 0, 0}};
+    sb_cable_def def = sb_default_cable_def();
+    def.count = 3;
+    def.nodes = nodes;
+    def.places = places;
+    def.stiffness = 2;
+    def.pushes = 1;
+    return sb_body_add_cable(a->body, &def, &a->cable, &a->error);
+}
+static sb_result act_cable_length(actor *a)
+{
+    sb_real length;
+    sb_result result = sb_body_cable_length(a->body, a->cable, &length);
+    return result == SB_OK ? sb_body_set_cable_rest_length(a->body, a->cable, REAL(0.9) * length) : result;
+}
+static sb_result act_cable_stiffness(actor *a) { return sb_body_set_cable_stiffness(a->body, a->cable, 3); }
+static sb_result act_move_cable(actor *a)
+{
+    sb_vec3 places[3] = {{0, 0, 0}, {REAL(0.04), REAL(0.12), REAL(0.01)}, {0, 0, 0}};
+    return sb_body_move_cable(a->body, a->cable, places);
 }
 static sb_result act_add_mapping(actor *a)
 {
@@ -581,6 +612,7 @@ static const act acts[] = {
     {"sb_body_release_nodes", act_release, ACTOR_LOADED},
     {"sb_body_hold", act_hold, ACTOR_PLAIN},
     {"sb_body_place", act_place, ACTOR_PLAIN},
+    {"sb_body_place_rigid", act_place_rigid, ACTOR_PLAIN},
     {"sb_body_release", act_let_go, ACTOR_LOADED},
     {"sb_body_set_displacements", act_displace, ACTOR_LOADED},
     {"sb_body_set_velocities", act_velocities, ACTOR_LOADED},
@@ -601,6 +633,10 @@ static const act acts[] = {
     {"sb_body_add_springs", act_add_springs, ACTOR_PLAIN},
     {"sb_body_move_springs", act_move_springs, ACTOR_LOADED},
     {"sb_body_set_spring_stiffness", act_spring_stiffness, ACTOR_LOADED},
+    {"sb_body_add_cable", act_add_cable, ACTOR_PLAIN},
+    {"sb_body_set_cable_rest_length", act_cable_length, ACTOR_LOADED},
+    {"sb_body_set_cable_stiffness", act_cable_stiffness, ACTOR_LOADED},
+    {"sb_body_move_cable", act_move_cable, ACTOR_LOADED},
     {"sb_body_add_mapping", act_add_mapping, ACTOR_PLAIN},
     {"sb_body_set_mapping_targets", act_mapping_targets, ACTOR_LOADED},
     {"sb_body_set_mapping_stiffness", act_mapping_stiffness, ACTOR_LOADED},
@@ -663,6 +699,7 @@ static void set_up(actor *a, actor_kind kind)
     if (kind == ACTOR_LOADED) {
         CHECK_OK(act_add_pressure(a));
         CHECK_OK(act_add_springs(a));
+        CHECK_OK(act_add_cable(a));
         CHECK_OK(act_add_mapping(a));
         CHECK_OK(act_constraint(a));
     }
