@@ -162,7 +162,7 @@ static sb_result act_place(actor *a)
 static sb_result act_place_rigid(actor *a)
 {
     sb_vec3 centre = a->mesh.nodes[a->free_nodes[0]], position = centre;
-    sb_quat turn = {0, 0, REAL(0.01), 1};
+    sb_quat turn = {1, 0, 0, REAL(0.01)};
     position.y += REAL(0.001);
     return sb_body_place_rigid(a->body, a->free_nodes, 2, centre, position, turn, NULL);
 }
@@ -840,9 +840,9 @@ static int takes_body(const char *declaration)
  * which bear none, in test_fibres.c; listeners change no body, and unloading makes one. */
 static int has_act(const char *name)
 {
-    static const char *const elsewhere[] = {"sb_body_destroy", "sb_body_create",   "sb_body_change_begin",
-                                            "sb_body_listen",  "sb_body_unlisten", "sb_body_set_second_fibres",
-                                            "sb_body_unload"};
+    static const char *const elsewhere[] = {"sb_body_destroy", "sb_body_create",        "sb_body_change_begin",
+                                            "sb_body_listen",  "sb_body_unlisten",      "sb_body_set_second_fibres",
+                                            "sb_body_unload",  "sb_particles_stabilise"};
     for (int i = 0; i < ACT_COUNT; i++)
         if (strcmp(acts[i].name, name) == 0)
             return 1;
