@@ -379,12 +379,12 @@ static void test_divided(void)
 /* The same motion in steps of an eighth. */
 static void step_finely(scene *s, int number)
 {
-    enum { PARTS = 8 };
+    const int parts = 8;
     ndl_command command = needle_command(0.04, 0);
-    for (int k = 1; k <= PARTS; k++) {
+    for (int k = 1; k <= parts; k++) {
         sb_vec3 from = place_of_ball(s, number ? number - 1 : 0, 0), to = place_of_ball(s, number, 0);
-        send_ball_to(s, sb_v3_madd(from, REAL(k) / PARTS, sb_v3_sub(to, from)));
-        CHECK_OK(ndl_step(s->needles.body, s->needles.needles, 1, REAL(0.02) / PARTS, &command, NULL, NULL));
+        send_ball_to(s, sb_v3_madd(from, REAL(k) / REAL(parts), sb_v3_sub(to, from)));
+        CHECK_OK(ndl_step(s->needles.body, s->needles.needles, 1, REAL(0.02) / REAL(parts), &command, NULL, NULL));
     }
 }
 

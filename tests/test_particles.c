@@ -14,10 +14,10 @@ static void test_kernels(void)
 {
     const double h = 0.7, pi = 3.14159265358979323846;
     for (int k = 0; k < 5; k++) {
-        enum { PIECES = 4000 };
+        const int pieces = 4000;
         double sum = 0;
-        for (int i = 0; i < PIECES; i++) { /* Simpson, whose pieces meet the spline's knot */
-            double a = h * i / PIECES, b = h * (i + 1) / PIECES, m = (a + b) / 2;
+        for (int i = 0; i < pieces; i++) { /* Simpson, whose pieces meet the spline's knot */
+            double a = h * i / pieces, b = h * (i + 1) / pieces, m = (a + b) / 2;
             sum += (b - a) / 6 * 4 * pi *
                    (a * a * (double)sb_kernel_value(kernels[k], REAL(a), REAL(h)) +
                     4 * m * m * (double)sb_kernel_value(kernels[k], REAL(m), REAL(h)) +

@@ -54,11 +54,11 @@ static void run(const char *name, const sb_mesh *mesh, const sb_domain *domain, 
         if (step < 0)
             continue;
         times[step] = 1e3 * info.seconds_total;
-        phases[0] += 1e3 * info.seconds_force / STEPS;
-        phases[1] += 1e3 * info.seconds_tangent / STEPS;
-        phases[2] += 1e3 * info.seconds_precond / STEPS;
-        phases[3] += 1e3 * info.seconds_solve / STEPS;
-        iterations += (double)info.pcg_iterations / STEPS;
+        phases[0] += 1e3 * info.seconds_force / (int)STEPS;
+        phases[1] += 1e3 * info.seconds_tangent / (int)STEPS;
+        phases[2] += 1e3 * info.seconds_precond / (int)STEPS;
+        phases[3] += 1e3 * info.seconds_solve / (int)STEPS;
+        iterations += (double)info.pcg_iterations / (int)STEPS;
     }
     for (int i = 0; i < mesh->node_count; i++)
         sum += (double)sb_v3_norm(sb_body_displacements(body)[i]);
