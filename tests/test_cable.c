@@ -512,6 +512,7 @@ static void test_state(void)
     swing(other, ids, 6);
     CHECK_OK(sb_body_state_save(other, ends[1], size));
     CHECK(memcmp(ends[0], ends[1], size) == 0);
+    check_bad_numbers();
     CHECK(sb_body_step(body, REAL(NAN), NULL) != SB_OK);
     CHECK_OK(sb_body_state_save(body, ends[2], size));
     CHECK(memcmp(ends[0], ends[2], size) == 0);
