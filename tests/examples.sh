@@ -590,6 +590,8 @@ expect 4 'state=lost$' $track --seconds 2 --drop 1.5 --every 2 -o lost
 expect_data 0 'state=follows$' $track volumes/liver_a_tet4_2k.vtk -o file
 expect 2 '--modes needs a whole number from 1 to 96' track_liver --modes 0
 expect 2 '--rate needs a number from' track_liver --rate 0
+expect 2 'more than 20,000 frames' track_liver --cells 10 --seconds 600 --rate 100
+expect 2 'through half of the organ' track_liver --cells 10 --push 0.2
 expect 2 'fast is no option\|--fast is no option' track_liver --fast
 expect 2 'no-such.vtk' track_liver no-such.vtk
 expect_data 2 'is a surface' track_liver surfaces/liver_a.obj
