@@ -1560,7 +1560,8 @@ REG_API sb_result reg_track_set_target(reg_track *track, const reg_points *targe
 
 typedef enum reg_track_state {
     REG_TRACK_FOLLOWS = 0,  /* the target was taken in */
-    REG_TRACK_PREDICTS = 1, /* there was none, or no point of it had an allowed place: the organ is where it was */
+    REG_TRACK_PREDICTS = 1, /* there was none, no point of it had an allowed place, or the step failed: the organ is
+                             * where it was */
     REG_TRACK_JUMPED = 2,   /* three targets in a row agreed with nothing that was expected: all is open again */
     REG_TRACK_LOST = 3      /* no target for longer than def.lost_after: restart, from reg_icp's or another pose */
 } reg_track_state;
@@ -14738,6 +14739,7 @@ REG_API sb_result reg_track_step(reg_track *track, double dt, reg_track_info *in
     int counted = 0;
     sb_result result = SB_OK;
     memset(&told, 0, sizeof told);
+    told.state = REG_TRACK_PREDICTS; /* of a step that fails: it took nothing in */
     if (!track || !(dt > 0) || !(dt <= 1e9)) {
         result = sbi_fail(&told.error, SB_ERROR_ARGUMENT, "a step needs a tracker and a dt above 0");
         if (info)

@@ -206,7 +206,7 @@ typedef struct igtl_envelope {
     uint64_t time;       /* s since 1970, 32 bits before and 32 behind the point */
     uint32_t message_id; /* version 2 */
     const igtl_entry *entries;
-    int entry_count; /* version 2; at most 65,535 */
+    int entry_count; /* version 2; at most 8,191, with keys of at most 65,535 bytes */
 } igtl_envelope;
 
 static inline igtl_envelope igtl_default_envelope(const char *device)
@@ -218,9 +218,15 @@ static inline igtl_envelope igtl_default_envelope(const char *device)
     return e;
 }
 
+/* Of seconds since 1970; of those that are no time, the nearest that is. */
 static inline uint64_t igtl_time(double seconds)
 {
-    uint64_t whole = (uint64_t)seconds;
+    uint64_t whole;
+    if (!(seconds > 0))
+        return 0;
+    if (seconds >= 4294967296.0)
+        return UINT64_MAX;
+    whole = (uint64_t)seconds;
     return whole << 32 | (uint32_t)((seconds - (double)whole) * 4294967295.0);
 }
 
@@ -665,13 +671,19 @@ static inline size_t igtl_array_width(int type)
     return type == IGTL_INT32 || type == IGTL_FLOAT32 ? 4 : type == IGTL_FLOAT64 ? 8 : 0;
 }
 
+/* The nearest int32 towards 0; the lowest of what is no number. */
+static inline int32_t igtl_to_int32(double value)
+{
+    return value >= 2147483647.0 ? INT32_MAX : value > -2147483648.0 ? (int32_t)value : INT32_MIN;
+}
+
 static inline void igtl_put_number(unsigned char *at, int type, double value)
 {
     uint64_t bits;
     if (type == IGTL_FLOAT32) {
         igtl_put_float(at, value);
     } else if (type == IGTL_INT32) {
-        igtl_put_u32(at, (uint32_t)(int32_t)value);
+        igtl_put_u32(at, (uint32_t)igtl_to_int32(value));
     } else {
         memcpy(&bits, &value, sizeof bits);
         igtl_put_u64(at, bits);

@@ -16,7 +16,7 @@
 
 static const char *const program_name = "igtl_client";
 enum { EXIT_REFUSED = 1, EXIT_USAGE = 2, EXIT_GONE = 3, ROOM = 512 };
-static const double patience = 10; /* s without a word: the server is gone */
+static const double patience = 10; /* s without what is waited for: the server is gone */
 
 typedef struct settings {
     const char *address;
@@ -99,12 +99,11 @@ static void take(client *c, const igtl_message *m)
         snprintf(c->refused, sizeof c->refused, "%s: %s", status.name, status.message);
 }
 
-/* Waits for the next message; 1, or 0 when the server is gone. */
-static int next_message(client *c, igtl_message *message)
+/* Waits for the next message, but not beyond a time; 1, or 0 when the server is gone. */
+static int next_message(client *c, double end, igtl_message *message)
 {
-    double begin = seconds_now();
     sb_error error;
-    while (seconds_now() - begin < patience) {
+    while (seconds_now() < end) {
         int got = igtl_receive(&c->link, &c->crc, message, &error);
         if (got == 1) {
             take(c, message);
@@ -122,10 +121,16 @@ static int next_message(client *c, igtl_message *message)
 static int wait_frames(client *c, int frames)
 {
     igtl_message message;
-    int last = c->frames + frames;
-    while (c->frames < last)
-        if (!next_message(c, &message))
+    double end = seconds_now() + patience;
+    for (int last = c->frames; frames > 0;) {
+        if (!next_message(c, end, &message))
             return 0;
+        if (c->frames > last) {
+            last = c->frames;
+            frames--;
+            end = seconds_now() + patience;
+        }
+    }
     return 1;
 }
 
@@ -218,10 +223,10 @@ static int ask(client *c, const settings *set)
         double begin = seconds_now();
         send_content(c, "GET_NDARRAY", "Positions", NULL, 0);
         do
-            good = next_message(c, &message);
+            good = next_message(c, begin + patience, &message);
         while (good && !(igtl_is(&message, "NDARRAY") && strcmp(message.header.device, "Positions") == 0));
         times[i] = seconds_now() - begin;
-        bytes = message.content_size;
+        bytes = good ? message.content_size : 0;
     }
     if (good) {
         qsort(times, (size_t)set->trips, sizeof *times, compare_doubles);

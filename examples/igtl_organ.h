@@ -1,13 +1,15 @@
 /* igtl_organ.h: an organ that messages of OpenIGTLink move, and the messages that tell how it lies. No sockets. Include
  * it after organ_scene.h and igtl.h.
  *
- *     message            device      what it does
- *     TRANSFORM          Tool        sends the ball that indents the organ to a place; POSITION likewise
- *     POINT              Targets     pulls by springs: the first point of a name takes hold of the organ's nearest
- * node, later ones of that name move where it is pulled to, who is not named is let go STRING             any         a
- * statement: "reset", "young 5000", "gravity 0 0 -9.81", "spring 20", "friction 0.3" COMMAND            any         a
- * statement: its name, and the numbers as text
+ *     message    device   what it does
+ *     TRANSFORM  Tool     sends the ball that indents the organ to a place; POSITION likewise
+ *     POINT      Targets  pulls by springs: the first point of a name takes hold of the organ's nearest node,
+ *                         later ones of that name move where it is pulled to, who is not named is let go
+ *     STRING     any      a statement of those in igtl_organ_run: "reset" (to rest; all else stays), "young 5000",
+ *                         "gravity 0 0 -9.81", "spring 20", "friction 0.3"
+ *     COMMAND    any      a statement: its name, and the numbers as text
  *
+ * Places further from the organ than a hundred of its diagonals are refused: they are in another unit, or nowhere.
  * A message that is bad changes nothing. Frames are POLYDATA "Organ", the deformed skin with displacement and von Mises
  * stress, TRANSFORM "Tool", where the ball is, NDARRAY "Force", force (N) and torque (N m) on it, and NDARRAY
  * "Positions", those of all nodes. */
@@ -165,6 +167,26 @@ static inline igtl_status igtl_status_result(sb_result result, const sb_error *e
     return result == SB_OK ? igtl_status_good() : igtl_status_bad(sb_result_string(result), error->message);
 }
 
+/* *place: one of the wire in m; 0 when it is too far off. */
+static inline int igtl_organ_place(const igtl_organ *o, const double wire[3], sb_vec3 *place)
+{
+    const organ *s = &o->scene;
+    const double low[3] = {(double)s->low.x, (double)s->low.y, (double)s->low.z};
+    const double high[3] = {(double)s->high.x, (double)s->high.y, (double)s->high.z};
+    double far = 100 * (double)sb_v3_norm(sb_v3_sub(s->high, s->low)), at[3];
+    *place = igtl_from_wire(&o->space, sb_v3((sb_real)wire[0], (sb_real)wire[1], (sb_real)wire[2]));
+    at[0] = (double)place->x, at[1] = (double)place->y, at[2] = (double)place->z;
+    for (int k = 0; k < 3; k++)
+        if (!(at[k] > low[k] - far && at[k] < high[k] + far))
+            return 0;
+    return 1;
+}
+
+static inline igtl_status igtl_status_far(const char *name)
+{
+    return igtl_status_bad(name, "a place is further off than 100 diagonals of the organ: lengths are mm");
+}
+
 static inline igtl_status igtl_organ_send_tool(igtl_organ *o, const double place[3])
 {
     sb_error error;
@@ -172,7 +194,8 @@ static inline igtl_status igtl_organ_send_tool(igtl_organ *o, const double place
     sb_result result;
     memset(&error, 0, sizeof error);
     pose.rotation = sb_quat_identity(); /* a ball */
-    pose.position = igtl_from_wire(&o->space, sb_v3((sb_real)place[0], (sb_real)place[1], (sb_real)place[2]));
+    if (!igtl_organ_place(o, place, &pose.position))
+        return igtl_status_far("Tool");
     result = sb_contact_move_tool(o->scene.contact, o->tool, &pose);
     snprintf(error.message, sizeof error.message, "the place of the tool is refused");
     return igtl_status_result(result, &error);
@@ -196,11 +219,12 @@ static inline int igtl_organ_nearest(const igtl_organ *o, sb_vec3 point)
     return nearest;
 }
 
-static inline const igtl_target *igtl_organ_find_target(const igtl_organ *o, const char *name)
+/* The target of that name, or NULL. */
+static inline const igtl_target *igtl_find_target(const igtl_target *targets, int count, const char *name)
 {
-    for (int i = 0; i < o->target_count; i++)
-        if (strcmp(o->targets[i].name, name) == 0)
-            return o->targets + i;
+    for (int i = 0; i < count; i++)
+        if (strcmp(targets[i].name, name) == 0)
+            return targets + i;
     return NULL;
 }
 
@@ -241,10 +265,12 @@ static inline igtl_status igtl_organ_take_targets(igtl_organ *o, const igtl_mess
         const igtl_target *held;
         if (igtl_get_point(m, i, &point, &error) != SB_OK)
             return igtl_status_bad("POINT", error.message);
-        held = igtl_organ_find_target(o, point.name);
+        if (igtl_find_target(targets, (int)i, point.name))
+            return igtl_status_bad("POINT", "two targets have one name");
+        if (!igtl_organ_place(o, point.position, &targets[i].point))
+            return igtl_status_far("POINT");
+        held = igtl_find_target(o->targets, o->target_count, point.name);
         memcpy(targets[i].name, point.name, sizeof point.name);
-        targets[i].point = igtl_from_wire(
-            &o->space, sb_v3((sb_real)point.position[0], (sb_real)point.position[1], (sb_real)point.position[2]));
         targets[i].node = held ? held->node : igtl_organ_nearest(o, targets[i].point);
     }
     return igtl_status_result(igtl_organ_pull(o, targets, (int)count, &error), &error);
@@ -276,8 +302,6 @@ static inline igtl_status igtl_do_gravity(igtl_organ *o, const double *numbers)
 static inline igtl_status igtl_do_spring(igtl_organ *o, const double *numbers)
 {
     sb_real stiffness = (sb_real)numbers[0];
-    if (!(stiffness >= 0))
-        return igtl_status_bad("spring", "the stiffness must be >= 0");
     if (o->target_count > 0 && sb_body_set_spring_stiffness(o->scene.body, o->load, &stiffness, 1) != SB_OK)
         return igtl_status_bad("spring", "the stiffness is refused");
     o->spring = numbers[0];
@@ -293,16 +317,17 @@ static inline igtl_status igtl_do_friction(igtl_organ *o, const double *numbers)
 typedef struct igtl_statement {
     const char *name;
     int numbers;
+    double low, high; /* in that they must be */
     igtl_status (*run)(igtl_organ *o, const double *numbers);
 } igtl_statement;
 
-/* Reads `count` finite numbers and nothing behind them; 0 when it is anything else. */
-static inline int igtl_read_numbers(const char *text, int count, double *numbers)
+/* Reads the numbers of a statement and nothing behind them; 0 when it is anything else. */
+static inline int igtl_read_numbers(const igtl_statement *s, const char *text, double *numbers)
 {
     char *end;
-    for (int i = 0; i < count; i++, text = end) {
+    for (int i = 0; i < s->numbers; i++, text = end) {
         numbers[i] = strtod(text, &end);
-        if (end == text || !sb_is_finite((sb_real)numbers[i]))
+        if (end == text || !(numbers[i] >= s->low && numbers[i] <= s->high))
             return 0;
     }
     return text[strspn(text, " \t\r\n")] == 0;
@@ -310,19 +335,24 @@ static inline int igtl_read_numbers(const char *text, int count, double *numbers
 
 static inline igtl_status igtl_organ_run(igtl_organ *o, const char *name, const char *rest)
 {
-    static const igtl_statement statements[] = {{"reset", 0, igtl_do_reset},
-                                                {"young", 1, igtl_do_young},
-                                                {"gravity", 3, igtl_do_gravity},
-                                                {"spring", 1, igtl_do_spring},
-                                                {"friction", 1, igtl_do_friction}};
+    static const igtl_statement statements[] = {{"reset", 0, 0, 0, igtl_do_reset},
+                                                {"young", 1, 1, 1e9, igtl_do_young},
+                                                {"gravity", 3, -1000, 1000, igtl_do_gravity},
+                                                {"spring", 1, 0, 1e9, igtl_do_spring},
+                                                {"friction", 1, 0, 10, igtl_do_friction}};
     double numbers[3] = {0, 0, 0};
-    char words[64];
+    char words[96];
     for (size_t i = 0; i < sizeof statements / sizeof *statements; i++) {
         const igtl_statement *s = statements + i;
         if (strcmp(s->name, name) != 0)
             continue;
-        snprintf(words, sizeof words, "%s takes %d numbers", name, s->numbers);
-        return igtl_read_numbers(rest, s->numbers, numbers) ? s->run(o, numbers) : igtl_status_bad(name, words);
+        if (igtl_read_numbers(s, rest, numbers))
+            return s->run(o, numbers);
+        if (s->numbers)
+            snprintf(words, sizeof words, "%s takes %d from %g to %g", name, s->numbers, s->low, s->high);
+        else
+            snprintf(words, sizeof words, "%s takes no numbers", name);
+        return igtl_status_bad(name, words);
     }
     return igtl_status_of(IGTL_STATUS_NOT_FOUND, "statement", "known: reset, young, gravity, spring, friction");
 }

@@ -1,5 +1,5 @@
 /* igtl_service.h: an organ of igtl_organ.h at the other end of links: who is connected, what each wants to be sent, and
- * what is answered. Include it after igtl_socket.h and igtl_organ.h.
+ * what is answered. Include it after system.h, igtl_socket.h and igtl_organ.h.
  *
  *     igtl_service_begin(&service, &organ)
  *     igtl_listen(&service.listener, ...)
@@ -15,13 +15,15 @@
 #define IGTL_SERVICE_H
 
 #include <string.h>
-#include <time.h>
 
 #include "igtl_organ.h"
 #include "igtl_socket.h"
 
 /* What is sent. */
 enum { IGTL_SKIN, IGTL_TOOL, IGTL_FORCE, IGTL_POSITIONS, IGTL_STREAMS };
+
+/* What a peer may ask for in a round, before the others have their turn. */
+enum { IGTL_ROUND_MESSAGES = 64, IGTL_ROUND_BYTES = 1 << 20 };
 
 typedef struct igtl_service {
     igtl_organ *organ;
@@ -65,7 +67,7 @@ static inline int igtl_service_peers(const igtl_service *s)
     return count;
 }
 
-static inline uint64_t igtl_now(void) { return (uint64_t)time(NULL) << 32; }
+static inline uint64_t igtl_now(void) { return igtl_time(calendar_now()); }
 
 /* ---- answers ----------------------------------------------------------------------------------------------------- */
 
@@ -122,18 +124,18 @@ static inline void igtl_service_done(igtl_service *s, igtl_link *link, const cha
 
 /* ---- questions --------------------------------------------------------------------------------------------------- */
 
-/* The stream that TYPE and the device name, or -1. The first of a type needs no device. */
+/* The stream that TYPE and the device name, or -1. Without a device it is the first of the type. */
 static inline int igtl_find_stream(const char *type, const char *device)
 {
-    int first = -1;
-    for (int i = IGTL_STREAMS - 1; i >= 0; i--) {
-        if (strcmp(igtl_streams[i].type, type) != 0)
-            continue;
-        if (strcmp(igtl_streams[i].device, device) == 0)
+    for (int i = 0; i < IGTL_STREAMS; i++)
+        if (strcmp(igtl_streams[i].type, type) == 0 && (!device[0] || strcmp(igtl_streams[i].device, device) == 0))
             return i;
-        first = i;
-    }
-    return first;
+    return -1;
+}
+
+static inline int igtl_begins_with(const igtl_message *m, const char *prefix)
+{
+    return strncmp(m->header.type, prefix, strlen(prefix)) == 0;
 }
 
 static inline void igtl_service_get(igtl_service *s, igtl_link *link, int stream)
@@ -151,12 +153,12 @@ static inline int igtl_service_stream(igtl_service *s, int index, const igtl_mes
     int stream = strlen(m->header.type) > 4 ? igtl_find_stream(type, m->header.device) : -1;
     if (stream < 0)
         return 0;
-    if (strncmp(m->header.type, "GET_", 4) == 0) {
+    if (igtl_begins_with(m, "GET_")) {
         igtl_service_get(s, link, stream);
-    } else if (strncmp(m->header.type, "STT_", 4) == 0) {
+    } else if (igtl_begins_with(m, "STT_")) {
         s->wanted[index] |= 1u << stream;
         igtl_service_done(s, link, type, 0);
-    } else if (strncmp(m->header.type, "STP_", 4) == 0) {
+    } else if (igtl_begins_with(m, "STP_")) {
         s->wanted[index] &= ~(1u << stream);
         igtl_service_done(s, link, type, 0);
     } else {
@@ -181,7 +183,7 @@ static inline void igtl_service_take(igtl_service *s, int index, const igtl_mess
         igtl_service_command(s, link, m, &status);
     else if (known && (status.code != IGTL_STATUS_OK || igtl_is(m, "STRING")))
         igtl_service_status(s, link, &status);
-    else if (strncmp(m->header.type, "GET_", 4) == 0 || strncmp(m->header.type, "STT_", 4) == 0)
+    else if (igtl_begins_with(m, "GET_") || igtl_begins_with(m, "STT_") || igtl_begins_with(m, "STP_"))
         igtl_service_done(s, link, m->header.type + 4, 1);
 }
 
@@ -191,9 +193,10 @@ static inline void igtl_service_serve(igtl_service *s, int index)
     igtl_message message;
     igtl_status status;
     sb_error error;
-    int got;
+    size_t bytes = 0;
+    int got = 0;
     igtl_flush(link);
-    for (;;) {
+    for (int count = 0; count < IGTL_ROUND_MESSAGES && bytes < IGTL_ROUND_BYTES; count++, bytes += link->handed) {
         got = igtl_receive(link, &s->organ->crc, &message, &error);
         if (got == 1) {
             igtl_service_take(s, index, &message);

@@ -42,10 +42,19 @@ typedef size_t igtl_length; /* of recv and send */
 typedef struct pollfd igtl_pollfd;
 #endif
 #if !defined(MSG_NOSIGNAL)
+#include <signal.h>
 #define MSG_NOSIGNAL 0
+#if !defined(_WIN32)
+#define IGTL_IGNORES_SIGPIPE /* else a peer that goes ends the program */
+#endif
 #endif
 
-enum { IGTL_LINKS = 16, IGTL_MAX_ANSWERS = 1 << 20 /* bytes that may wait for a peer that does not read */ };
+enum {
+    IGTL_LINKS = 16,
+    IGTL_MAX_ANSWERS = 1 << 20, /* bytes that may wait for a peer that does not read */
+    IGTL_READ = 1 << 16,        /* bytes that there is room for ahead of what came in */
+    IGTL_MAX_READ = 1 << 20     /* bytes that igtl_receive reads before it lets others have their turn */
+};
 
 /* Bytes that grow. */
 typedef struct igtl_bytes {
@@ -72,6 +81,9 @@ static inline int igtl_sockets_begin(void)
     WSADATA data;
     return WSAStartup(MAKEWORD(2, 2), &data) == 0;
 #else
+#if defined(IGTL_IGNORES_SIGPIPE)
+    signal(SIGPIPE, SIG_IGN);
+#endif
     return 1;
 #endif
 }
@@ -105,6 +117,17 @@ static inline void igtl_never_wait(igtl_handle handle)
     fcntl(handle, F_SETFL, fcntl(handle, F_GETFL, 0) | O_NONBLOCK);
 #endif
     setsockopt(handle, IPPROTO_TCP, TCP_NODELAY, (const char *)&yes, sizeof yes);
+}
+
+/* A port may be listened on again at once, but not by two programs. */
+static inline void igtl_share_port(igtl_handle handle)
+{
+    int yes = 1;
+#if defined(_WIN32)
+    setsockopt(handle, SOL_SOCKET, SO_EXCLUSIVEADDRUSE, (const char *)&yes, sizeof yes);
+#else
+    setsockopt(handle, SOL_SOCKET, SO_REUSEADDR, (const char *)&yes, sizeof yes);
+#endif
 }
 
 static inline const char *igtl_why(void)
@@ -159,7 +182,7 @@ static inline igtl_handle igtl_make_handle(const char *address, int port, int li
     struct addrinfo hints, *found = NULL;
     igtl_handle handle = IGTL_NO_HANDLE;
     char service[16];
-    int yes = 1, bad;
+    int bad;
     memset(&hints, 0, sizeof hints);
     hints.ai_family = AF_UNSPEC;
     hints.ai_socktype = SOCK_STREAM;
@@ -170,10 +193,11 @@ static inline igtl_handle igtl_make_handle(const char *address, int port, int li
         return IGTL_NO_HANDLE;
     for (const struct addrinfo *a = found; a && handle == IGTL_NO_HANDLE; a = a->ai_next) {
         handle = socket(a->ai_family, a->ai_socktype, a->ai_protocol);
+        *why = igtl_why();
         if (handle == IGTL_NO_HANDLE)
             continue;
         if (listens) {
-            setsockopt(handle, SOL_SOCKET, SO_REUSEADDR, (const char *)&yes, sizeof yes);
+            igtl_share_port(handle);
             bad = bind(handle, a->ai_addr, (socklen_t)a->ai_addrlen) != 0 || listen(handle, IGTL_LINKS) != 0;
         } else {
             bad = connect(handle, a->ai_addr, (socklen_t)a->ai_addrlen) != 0;
@@ -230,7 +254,7 @@ static inline int igtl_accept(const igtl_link *listener, igtl_link *link)
     return igtl_is_open(link);
 }
 
-/* Returns when there is something to do, or after `seconds`. listener may be NULL. */
+/* Returns when there is something to do, or after `seconds` (a day at most). listener may be NULL. */
 static inline void igtl_wait(const igtl_link *listener, const igtl_link *links, int count, double seconds)
 {
     igtl_pollfd polled[IGTL_LINKS + 1];
@@ -246,19 +270,26 @@ static inline void igtl_wait(const igtl_link *listener, const igtl_link *links, 
             polled[used].fd = links[i].handle;
             polled[used++].events = (short)(sends ? POLLIN | POLLOUT : POLLIN);
         }
+    seconds = seconds < 86400 ? seconds : 86400;
     igtl_poll(polled, (unsigned)used, seconds > 0 ? (int)(1e3 * seconds + 0.999) : 0);
 }
 
 /* ---- receiving --------------------------------------------------------------------------------------------------- */
 
-/* Reads until `size` bytes are there: 1; 0 when no more came yet, -1 when the peer is gone or memory is short. */
+/* Reads until `size` bytes are there: 1; 0 when no more came yet, or IGTL_MAX_READ did, -1 when the peer is gone or
+ * memory is short. Room grows with what came, not with what is said to come. */
 static inline int igtl_fill(igtl_link *link, size_t size)
 {
-    if (!igtl_grow(&link->in, size))
-        return -1;
+    size_t most = link->in.used + IGTL_MAX_READ;
     while (link->in.used < size) {
-        long got =
-            (long)recv(link->handle, (char *)link->in.data + link->in.used, (igtl_length)(size - link->in.used), 0);
+        size_t room = link->in.used + IGTL_READ;
+        long got;
+        if (link->in.used >= most)
+            return 0;
+        if (!igtl_grow(&link->in, room < size ? room : size))
+            return -1;
+        room = link->in.size < size ? link->in.size : size;
+        got = (long)recv(link->handle, (char *)link->in.data + link->in.used, (igtl_length)(room - link->in.used), 0);
         if (got < 0 && igtl_would_wait())
             return 0;
         if (got <= 0)
@@ -340,6 +371,11 @@ static inline void igtl_answer(igtl_link *link, const unsigned char *message, si
     igtl_bytes *answers = &link->answers;
     if (!igtl_is_open(link))
         return;
+    if (answers->done > 0) { /* what is sent makes room */
+        answers->used -= answers->done;
+        memmove(answers->data, answers->data + answers->done, answers->used);
+        answers->done = 0;
+    }
     if (answers->used > IGTL_MAX_ANSWERS || !igtl_grow(answers, answers->used + size)) {
         igtl_link_close(link);
         return;

@@ -63,23 +63,25 @@ static inline void shard_close(shard *s)
 /* 1 when the case is this shard's, and is not done yet. */
 static inline int shard_is_mine(const shard *s, int k) { return k % s->count == s->index && !s->done[k]; }
 
-/* The file as a string of the caller; NULL when there is none, or (with a message, *bad = 1) it cannot be read. */
-static inline char *shard_read(const shard *s, int *bad)
+/* The file, *used bytes and a 0, as a string of the caller; NULL when there is none, or (with a message, *bad = 1) it
+ * cannot be read. */
+static inline char *shard_read(const shard *s, size_t *used, int *bad)
 {
     FILE *file = fopen(s->path, "rb");
     char *text = NULL, *larger;
-    size_t used = 0, got = 1;
+    size_t got = 1;
+    *used = 0;
     *bad = 0;
     while (file && got) {
-        larger = (char *)realloc(text, used + 65537);
+        larger = (char *)realloc(text, *used + 65537);
         if (!larger) {
             *bad = 1;
             break;
         }
         text = larger;
-        got = fread(text + used, 1, 65536, file);
-        used += got;
-        text[used] = 0;
+        got = fread(text + *used, 1, 65536, file);
+        *used += got;
+        text[*used] = 0;
     }
     *bad = *bad || (file && ferror(file));
     if (file)
@@ -108,52 +110,63 @@ static inline const char *shard_mark(shard *s, const char *rows)
     return rows;
 }
 
-/* Writes the first `length` bytes of the text into a new file in the place of the old one, and goes on behind them. */
-static inline int shard_begin_file(shard *s, const char *text, size_t length)
+/* Writes `length` bytes of the text into a new file; 0 when they did not all arrive. */
+static inline int shard_write_file(const char *path, const char *text, size_t length)
+{
+    FILE *file = fopen(path, "wb");
+    int good = file && fwrite(text, 1, length, file) == length;
+    return file && fclose(file) == 0 && good;
+}
+
+/* Puts the first `length` bytes of the text in the place of the file, at once: rows that are done are never at risk. */
+static inline int shard_replace_file(const shard *s, const char *text, size_t length)
 {
     size_t size = strlen(s->path) + 5;
     char *name = (char *)malloc(size);
     int good = name != NULL;
-    FILE *file;
     if (good) {
         snprintf(name, size, "%s.new", s->path);
-        file = fopen(name, "wb");
-        good = file && fwrite(text, 1, length, file) == length;
-        good = file && fclose(file) == 0 && good;
+        good = shard_write_file(name, text, length);
 #if defined(_WIN32)
-        remove(s->path); /* rename replaces no file there */
+        if (good)
+            remove(s->path); /* rename replaces no file there */
 #endif
         good = good && rename(name, s->path) == 0;
     }
     free(name);
-    if (good)
-        s->file = fopen(s->path, "ab");
-    return s->file ? 1 : shard_complain(s, s->path, "cannot be written");
+    return good;
 }
 
 /* heading: whole lines. Returns 1, or 0 with a message: the file is of another study, or cannot be written. */
 static inline int shard_open(shard *s, const char *path, const char *heading, int cases)
 {
-    size_t length = strlen(heading);
+    size_t length = strlen(heading), used = 0;
     const char *end = NULL;
     char *text;
-    int bad, good;
+    int bad = 0, good = 1;
     s->path = path;
     s->cases = cases;
     s->left = cases > s->index ? (cases - s->index + s->count - 1) / s->count : 0;
     s->done = (unsigned char *)calloc((size_t)cases + 1, 1);
-    text = s->done ? shard_read(s, &bad) : NULL;
-    if (!s->done || bad)
-        return s->done ? 0 : shard_complain(s, path, "not enough memory");
-    if (text && strlen(text) >= length && strncmp(text, heading, length) == 0)
+    if (!s->done)
+        return shard_complain(s, path, "not enough memory");
+    text = shard_read(s, &used, &bad);
+    if (bad)
+        return 0;
+    if (used >= length && memcmp(text, heading, length) == 0) {
         end = shard_mark(s, text + length);
-    else if (text && strncmp(text, heading, strlen(text)) != 0)
+        if (end && end != text + used) /* a line was cut off */
+            good = shard_replace_file(s, text, (size_t)(end - text));
+    } else if (used > 0 && (used > length || memcmp(text, heading, used) != 0)) {
         shard_complain(s, path, "is of another study");
-    good = !text || end || strncmp(text, heading, strlen(text)) == 0;
-    if (good)
-        good = end ? shard_begin_file(s, text, (size_t)(end - text)) : shard_begin_file(s, heading, length);
+    } else { /* there is none, or its heading was cut off */
+        end = heading;
+        good = shard_write_file(path, heading, length);
+    }
     free(text);
-    return good;
+    if (end && good)
+        s->file = fopen(path, "ab");
+    return s->file ? 1 : end ? shard_complain(s, path, "cannot be written") : 0;
 }
 
 /* Adds the row of a case, which ends with a line's end; 0 (with a message) when it did not arrive. */

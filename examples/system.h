@@ -16,6 +16,7 @@
 #if defined(_WIN32)
 #include <direct.h>
 #include <io.h>
+#include <sys/timeb.h>
 #else
 #include <unistd.h>
 #endif
@@ -28,6 +29,20 @@ static inline double seconds_now(void)
 #else
     struct timespec now;
     clock_gettime(CLOCK_MONOTONIC, &now);
+    return (double)now.tv_sec + 1e-9 * (double)now.tv_nsec;
+#endif
+}
+
+/* Time of the calendar: s since 1970. */
+static inline double calendar_now(void)
+{
+#if defined(_WIN32)
+    struct __timeb64 now;
+    _ftime64_s(&now);
+    return (double)now.time + 1e-3 * now.millitm;
+#else
+    struct timespec now;
+    clock_gettime(CLOCK_REALTIME, &now);
     return (double)now.tv_sec + 1e-9 * (double)now.tv_nsec;
 #endif
 }

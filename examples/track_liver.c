@@ -79,6 +79,18 @@ static int make_meshes(work *w)
     return result == SB_OK ? organ_make_skin(&w->real) : complain_of(w, "the organ", &error);
 }
 
+/* 0, or a complaint about what the organ cannot do, or is too much to write. */
+static int check_course(const work *w)
+{
+    const organ *o = &w->real;
+    const settings *s = w->set;
+    if (s->seconds * s->rate > MOST_FRAMES)
+        return organ_complain(o, "--seconds", "that long at this --rate is more than 20,000 frames", ORGAN_USAGE);
+    if (s->push > 0.5 * (double)(o->high.z - o->low.z))
+        return organ_complain(o, "--push", "the top would be pushed through half of the organ", ORGAN_USAGE);
+    return 0;
+}
+
 /* Holds the back, and moves the top down by a share of the push. */
 static int set_supports(work *w, double share)
 {
@@ -224,7 +236,7 @@ static int make_tracker(work *w)
 static int make_arrays(work *w)
 {
     size_t nodes = (size_t)w->real.mesh.node_count, skin = (size_t)w->real.boundary.surface.node_count;
-    w->frames = (int)fmin(MOST_FRAMES, floor(w->set->seconds * w->set->rate + 0.5));
+    w->frames = (int)floor(w->set->seconds * w->set->rate + 0.5);
     w->now = (sb_vec3 *)malloc(nodes * sizeof(sb_vec3));
     w->guess = (sb_vec3 *)malloc(nodes * sizeof(sb_vec3));
     w->displacements = (sb_vec3 *)malloc((size_t)w->model_mesh.node_count * sizeof(sb_vec3));
@@ -379,6 +391,8 @@ static int run(const settings *s)
     w.set = s;
     status = make_meshes(&w);
     if (!status)
+        status = check_course(&w);
+    if (!status)
         status = breathe_in(&w);
     if (!status)
         status = make_arrays(&w);
@@ -417,7 +431,8 @@ static void list_options(settings *s, option options[OPTION_COUNT])
         {"--scale", "X", OPTION_NUMBER, NULL, &s->scale, NULL, 1e-9, 1e9,
          "multiplies the file's lengths; 0.001 for millimetres"},
         {"--breath", "M", OPTION_NUMBER, NULL, &s->breath, NULL, 0, 1, "that the organ goes down as a whole"},
-        {"--push", "M", OPTION_NUMBER, NULL, &s->push, NULL, 0, 1, "that its top is pushed down beyond that"},
+        {"--push", "M", OPTION_NUMBER, NULL, &s->push, NULL, 0, 1,
+         "that its top is pushed down beyond that, at most half its height"},
         {"--period", "S", OPTION_NUMBER, NULL, &s->period, NULL, 0.1, 1000, "of a breath"},
         {"--points", "N", OPTION_INTEGER, &s->points, NULL, NULL, 1, 1e6, "that the camera sees"},
         {"--noise", "M", OPTION_NUMBER, NULL, &s->noise, NULL, 0, 1, "standard deviation of their coordinates"},

@@ -590,6 +590,8 @@ expect 4 'state=lost$' $track --seconds 2 --drop 1.5 --every 2 -o lost
 expect_data 0 'state=follows$' $track volumes/liver_a_tet4_2k.vtk -o file
 expect 2 '--modes needs a whole number from 1 to 96' track_liver --modes 0
 expect 2 '--rate needs a number from' track_liver --rate 0
+expect 2 'more than 20,000 frames' track_liver --cells 10 --seconds 600 --rate 100
+expect 2 'through half of the organ' track_liver --cells 10 --push 0.2
 expect 2 'fast is no option\|--fast is no option' track_liver --fast
 expect 2 'no-such.vtk' track_liver no-such.vtk
 expect_data 2 'is a surface' track_liver surfaces/liver_a.obj
@@ -744,16 +746,28 @@ expect 0 'shard 1 of 1, [0-3] to do' insilico $study --study killed.csv
 check "a killed study goes on" cmp -s killed.csv whole.csv
 expect 0 'shard 1 of 1, 0 to do' insilico $study --study killed.csv
 expect 2 'is of another study' insilico $study --seed 7 --study whole.csv
+head -c 20 whole.csv >torn.csv
+expect 0 'shard 1 of 1, 4 to do' insilico $study --study torn.csv
+check "a torn heading is written again" cmp -s torn.csv whole.csv
+printf '\0bytes' >bytes.bin
+cp bytes.bin kept.bin
+expect 2 'is of another study' insilico $study --study bytes.bin
+check "a file of something else stays" cmp -s bytes.bin kept.bin
 expect 2 'has a line that is not of this shard' insilico $study --study whole.csv --shard 2/3
 expect 2 'needs I/N with 1 <= I <= N' insilico $study --study x.csv --shard 4/3
 expect 2 'needs --study FILE' insilico --shard 1/3
 expect 2 'no-such-folder/x.csv: cannot be written' insilico $study --study no-such-folder/x.csv
 check "no shard may be missing" refuses "case 2 is missing" sh "$tools/merge.sh" none.csv part.1 part.2
 check "nor be there twice" refuses "is there twice" sh "$tools/merge.sh" none.csv part.1 part.2 part.2 part.3
+head -c $(($(wc -c <part.3) - 4)) part.3 >torn.3
+check "nor be cut off" refuses "torn.3: its last line is cut off" sh "$tools/merge.sh" none.csv part.1 part.2 torn.3
+(cat part.3 && echo 4,1,gravity) >more.3
+check "nor have cases of its own" refuses "is no case of it" sh "$tools/merge.sh" none.csv part.1 part.2 more.3
 check "nothing is written then" is_gone none.csv
 if command -v parallel >/dev/null; then
-    check "by GNU parallel" quietly sh "$tools/parallel.sh" 3 dealt.csv "$programs/insilico" $study
-    check "to the same bytes" cmp -s dealt.csv whole.csv
+    mkdir -p "a folder"
+    check "by GNU parallel" quietly sh "$tools/parallel.sh" 3 "a folder/dealt.csv" "$programs/insilico" $study
+    check "to the same bytes" cmp -s "a folder/dealt.csv" whole.csv
 else
     skip "no GNU parallel"
 fi

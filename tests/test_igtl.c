@@ -115,6 +115,26 @@ static void test_texts(void)
     CHECK(asked.id == command.id && !strcmp(asked.name, "young") && asked.text.length == 4);
 }
 
+/* What does not fit its field is the nearest that does; clocks that are wrong are the beginning of time. */
+static void test_limits(void)
+{
+    const double values[4] = {1e300, -1e300, 2147483647.5, -7.9};
+    unsigned char buffer[ROOM];
+    igtl_array a, back;
+    igtl_message m;
+    sb_error error;
+    memset(&a, 0, sizeof a);
+    a.type = IGTL_INT32;
+    a.dimensions = 1;
+    a.sizes[0] = 4;
+    m = closed("NDARRAY", igtl_put_array(content_of(buffer), &a, values), buffer, 0);
+    CHECK_OK(igtl_get_array(&m, &back, &error));
+    CHECK(igtl_array_number(&back, 0) == 2147483647 && igtl_array_number(&back, 1) == -2147483648.0);
+    CHECK(igtl_array_number(&back, 2) == 2147483647 && igtl_array_number(&back, 3) == -7);
+    CHECK(igtl_time(1234567890.5) == UINT64_C(0x499602d27fffffff));
+    CHECK(igtl_time(-1) == 0 && igtl_time(nan("")) == 0 && igtl_time(1e300) == UINT64_MAX);
+}
+
 static void test_points(void)
 {
     unsigned char buffer[ROOM];
@@ -420,6 +440,13 @@ static int hear_status(igtl_link *link, igtl_status *status)
     return CHECK(hear(link, "STATUS", &m)) && CHECK_OK(igtl_get_status(&m, status, &error));
 }
 
+/* 1 when a status comes that is good (0: one that is not). */
+static int is_done(igtl_link *link)
+{
+    igtl_status status;
+    return hear_status(link, &status) && status.code == IGTL_STATUS_OK;
+}
+
 static void step(void)
 {
     CHECK_INT(organ_step(&liver.scene, 1.0 / 60), 0);
@@ -471,6 +498,13 @@ static void test_organ(void)
                 peak = fmax(peak, igtl_array_number(&force, 2));
         }
         CHECK(peak > 0.01); /* the organ pushes the ball up (N) */
+        check_bad_numbers();
+        send_tool(&link, 1e9); /* m taken for mm, a lost tracker: not followed */
+        CHECK(!is_done(&link));
+        for (int i = 0; i < 5; i++)
+            step();
+        while (hear(&link, "TRANSFORM", &m) && igtl_get_transform(&m, &tool, &error) == SB_OK)
+            CHECK(tool.translation[2] < top + 30);
         igtl_link_close(&link);
     }
     end_service();
@@ -521,6 +555,12 @@ static void test_targets(void)
         send_targets(&link, p, 2);
         hear_status(&link, &status);
         CHECK(status.code != IGTL_STATUS_OK && liver.target_count == 2);
+        p[0].position[0] = 1e10; /* mm */
+        send_targets(&link, p, 2);
+        CHECK(!is_done(&link) && liver.target_count == 2);
+        p[0] = p[1]; /* of one name */
+        send_targets(&link, p, 2);
+        CHECK(!is_done(&link) && liver.target_count == 2);
         send_targets(&link, p, 0);
         for (int i = 0; i < 50 && liver.target_count; i++)
             igtl_service_round(&service, 0.002);
@@ -532,8 +572,11 @@ static void test_targets(void)
 
 static void test_statements(void)
 {
-    static const char *const bad[] = {"young",       "young -5",  "young x",     "young 1 2", "gravity 1 2",
-                                      "young 1e999", "spring -1", "friction -1", "",          "make coffee"};
+    static const char *const bad[] = {"young",        "young -5",       "young x",
+                                      "young 1 2",    "gravity 1 2",    "young 1e999",
+                                      "spring -1",    "friction -1",    "",
+                                      "make coffee",  "young 1e300",    "young 0.1",
+                                      "spring 1e300", "friction 1e300", "gravity 0 0 1e300"};
     unsigned char content[400];
     igtl_command command, answer;
     igtl_status status;
@@ -600,6 +643,13 @@ static void test_streams(void)
         }
         tell(&link, 1, "GET_IMAGE", "", NULL, 0);
         CHECK(hear(&link, "RTS_IMAGE", &m) && m.content[0] == 1);
+        tell(&link, 1, "STP_IMAGE", "", NULL, 0);
+        CHECK(hear(&link, "RTS_IMAGE", &m) && m.content[0] == 1);
+        tell(&link, 1, "STP_NDARRAY", "Position", NULL, 0); /* no device of that name: nothing stops */
+        CHECK(hear(&link, "RTS_NDARRAY", &m) && m.content[0] == 1);
+        step();
+        CHECK(hear(&link, "NDARRAY", &m) && strcmp(m.header.device, "Force") == 0);
+        CHECK((m.header.time >> 32) + 2 >= (uint64_t)time(NULL) && m.header.time >> 32 <= (uint64_t)time(NULL));
         tell(&link, 1, "GET_CAPABIL", "", NULL, 0);
         CHECK(hear(&link, "CAPABILITY", &m) && m.content_size % 12 == 0 && m.content_size > 0);
         tell(&link, 1, "SENSOR", "", "?", 1); /* not known: passed over */
@@ -670,10 +720,89 @@ static void test_peers(void)
     end_service();
 }
 
+/* A peer that never stops talking does not keep the others, or the organ's next step, from their turn. */
+static void test_flood(void)
+{
+    enum { STATEMENTS = 4 * IGTL_ROUND_MESSAGES };
+    unsigned char *large;
+    igtl_link link, talks;
+    char words[32];
+    int rounds = 0;
+    if (begin_service() && join(&link) && join(&talks)) {
+        for (int i = 1; i <= STATEMENTS; i++) {
+            snprintf(words, sizeof words, "young %d", 1000 + i);
+            say(&talks, words);
+        }
+        igtl_service_round(&service, 0.1);
+        CHECK(liver.young <= 1000 + IGTL_ROUND_MESSAGES);
+        say(&link, "friction 0.1");
+        igtl_service_round(&service, 0.1);
+        CHECK(is_done(&link) && liver.young <= 1000 + 3 * IGTL_ROUND_MESSAGES);
+        for (; rounds < 100 && liver.young < 1000 + STATEMENTS; rounds++)
+            igtl_service_round(&service, 0.002);
+        CHECK(liver.young == 1000 + STATEMENTS); /* none was lost */
+        large = (unsigned char *)calloc(1, 1 << 20);
+        if (CHECK(large)) { /* who says that much is to come is not given memory before it does */
+            igtl_put_u16(large, 1);
+            memcpy(large + 2, "SENSOR", 6);
+            igtl_put_u64(large + 42, IGTL_MAX_BODY);
+            igtl_answer(&talks, large, IGTL_HEADER + 1000);
+            for (int i = 0; i < 10; i++)
+                igtl_service_round(&service, 0.002);
+            CHECK(service.links[1].in.used == IGTL_HEADER + 1000 && service.links[1].in.size < 1 << 20);
+        }
+        free(large);
+        igtl_link_close(&link);
+        igtl_link_close(&talks);
+    }
+    end_service();
+}
+
+/* Takes `size` bytes off a link, whatever they are. */
+static int drain(igtl_link *link, igtl_link *sender, unsigned char *buffer, size_t size)
+{
+    for (int tries = 0; tries < 2000 && size > 0; tries++) {
+        long got = (long)recv(link->handle, (char *)buffer, (igtl_length)size, 0);
+        size -= got > 0 ? (size_t)got : 0;
+        igtl_flush(sender);
+        if (got <= 0)
+            igtl_wait(NULL, link, 1, 0.01);
+    }
+    return size == 0;
+}
+
+/* A peer that reads on is not given up, though it is never through; one that does not read is. */
+static void test_reader(void)
+{
+    enum { BLOCK = 50000, SYSTEM = 1 << 16, BLOCKS = 3 * IGTL_MAX_ANSWERS / BLOCK };
+    unsigned char *block = (unsigned char *)calloc(1, BLOCK);
+    igtl_link reader, *sender = service.links;
+    int size = SYSTEM, sent = 0;
+    if (CHECK(block) && begin_service() && join(&reader)) {
+        setsockopt(sender->handle, SOL_SOCKET, SO_SNDBUF, (const char *)&size, sizeof size);
+        setsockopt(reader.handle, SOL_SOCKET, SO_RCVBUF, (const char *)&size, sizeof size);
+        while (sent < BLOCKS && CHECK(igtl_is_open(sender))) {
+            if (sender->answers.used - sender->answers.done > IGTL_MAX_ANSWERS / 2) {
+                CHECK(drain(&reader, sender, block, BLOCK));
+                continue;
+            }
+            igtl_answer(sender, block, BLOCK);
+            sent++;
+        }
+        for (int i = 0; i < 10 * BLOCKS && igtl_is_open(sender); i++)
+            igtl_answer(sender, block, BLOCK);
+        CHECK(!igtl_is_open(sender));
+        igtl_link_close(&reader);
+    }
+    free(block);
+    end_service();
+}
+
 CHECK_SUITE(igtl, {"checksum of ECMA-182", test_checksum},
             {"transform and position as the reference's", test_transform}, {"string, status, command", test_texts},
-            {"points", test_points}, {"arrays", test_arrays}, {"polydata in the patient's axes", test_polydata},
-            {"protocol 3's metadata", test_metadata}, {"hostile bytes", test_hostile},
-            {"an organ that a ball presses", test_organ}, {"targets that pull", test_targets},
-            {"statements and commands", test_statements}, {"streams on request", test_streams},
-            {"peers that are slow, rude or gone", test_peers});
+            {"limits of numbers and times", test_limits}, {"points", test_points}, {"arrays", test_arrays},
+            {"polydata in the patient's axes", test_polydata}, {"protocol 3's metadata", test_metadata},
+            {"hostile bytes", test_hostile}, {"an organ that a ball presses", test_organ},
+            {"targets that pull", test_targets}, {"statements and commands", test_statements},
+            {"streams on request", test_streams}, {"peers that are slow, rude or gone", test_peers},
+            {"a peer that talks without end", test_flood}, {"a peer that reads slowly", test_reader});

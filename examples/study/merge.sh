@@ -3,7 +3,8 @@
 #
 #     merge.sh WHOLE.csv SHARD.csv...
 #
-# Refused is what does not belong together, a case that is missing and one that is there twice; WHOLE.csv is then untouched.
+# Refused is what does not belong together, a case that is missing or there twice, and a line that was cut off when its
+# shard was killed: run that shard again. WHOLE.csv is then untouched.
 set -eu
 [ $# -ge 2 ] || {
     echo "usage: merge.sh WHOLE.csv SHARD.csv..." >&2
@@ -12,6 +13,12 @@ set -eu
 whole=$1
 shift
 new=$whole.new
+for shard; do
+    [ -z "$(tail -c 1 "$shard")" ] || {
+        echo "merge.sh: $shard: its last line is cut off" >&2
+        exit 2
+    }
+done
 trap 'rm -f "$new" "$new.rows"' EXIT
 awk -v new="$new" '
     function refuse(what) { print "merge.sh: " FILENAME ": " what | "cat >&2"; bad = 1; exit 2 }
@@ -20,6 +27,7 @@ awk -v new="$new" '
     FNR <= 2 && file == 1 { heading[FNR] = $0; print >new; next }
     FNR <= 2 { if ($0 != heading[FNR]) refuse("is of another study"); next }
     { k = $0; sub(/,.*/, "", k)
+      if (k !~ /^[0-9]+$/ || k + 0 >= cases) refuse("has a line that is no case of it")
       if (seen[k]++) refuse("case " k " is there twice")
       rows++
       print >(new ".rows") }

@@ -14,9 +14,8 @@ shards=$1 whole=$2
 shift 2
 # shellcheck disable=SC2086 # several options
 seq "$shards" | parallel --halt now,fail=1 ${PARALLEL_OPTIONS:-} --quote "$@" --study "$whole.{}" --shard "{}/$shards"
-parts=
+set --
 for shard in $(seq "$shards"); do
-    parts="$parts $whole.$shard"
+    set -- "$@" "$whole.$shard"
 done
-# shellcheck disable=SC2086 # as many names as shards
-"$(dirname "$0")/merge.sh" "$whole" $parts
+"$(dirname "$0")/merge.sh" "$whole" "$@"

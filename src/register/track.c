@@ -334,6 +334,7 @@ REG_API sb_result reg_track_step(reg_track *track, double dt, reg_track_info *in
     int counted = 0;
     sb_result result = SB_OK;
     memset(&told, 0, sizeof told);
+    told.state = REG_TRACK_PREDICTS; /* of a step that fails: it took nothing in */
     if (!track || !(dt > 0) || !(dt <= 1e9)) {
         result = sbi_fail(&told.error, SB_ERROR_ARGUMENT, "a step needs a tracker and a dt above 0");
         if (info)
