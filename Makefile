@@ -245,9 +245,10 @@ SLOWER = -anything/violence -bbar/violence -body/quasi -body/reactions -checkpoi
 # Long loops that the sanitizers would make longer still (the fuzz target `body` runs random ones under them), and the
 # suites that touch most of what rooms ask of each other.
 VIOLENT = -step -integrators -stuffing/surfaces -stuffing/ridges -schemes/300 -schemes/one \
-	-viscoelastic/violence -load/1,000 -bbar/violence -contact_sweep -contact_pairs/folded -contact_pairs/weight \
-	-contact_hung/dragged -contact_skin/equilibrium -contact_skin/Hertz -contact_thrown/schemes -contact_thrown/thrown -contact_thrown/too \
-	-contact_thrown/tied -cut_force/tissue -cut_force/work -cut_quad/half -multigrid/bodies -needle_programs/a -parts/parts
+	-viscoelastic/violence -load/1,000 -bbar -contact_sweep -contact_explicit -contact_pairs -contact_static \
+	-contact_hung/dragged -contact_skin/equilibrium -contact_skin/Hertz -contact_thrown/schemes -contact_thrown/thrown \
+	-contact_thrown/too -contact_thrown/tied -couple -cpd -cut_force/tissue -cut_force/work -cut_quad/half -loads \
+	-multigrid/bodies -needle_programs/a -parts/parts -thin
 LINKED = mesh body load constraint record
 
 SNIPPET_CFLAGS = -O0

@@ -506,7 +506,7 @@ static void test_table_counts(void)
     bad = good, bad.mass_weights = NULL,
     element_refused(&bad, SB_ERROR_ARGUMENT, "mass_points or mass_weights is NULL");
     bad = good, bad.faces = NULL, element_refused(&bad, SB_ERROR_ARGUMENT, "faces is NULL");
-    bad = good, bad.node_count = 28, element_refused(&bad, SB_ERROR_ARGUMENT, "28 nodes");
+    bad = good, bad.node_count = 33, element_refused(&bad, SB_ERROR_ARGUMENT, "33 nodes");
     bad = good, bad.node_count = -1, element_refused(&bad, SB_ERROR_ARGUMENT, "-1 nodes");
     bad = good, bad.corner_count = 7, element_refused(&bad, SB_ERROR_ARGUMENT, "7 corners");
     bad = good, bad.point_count = 0, element_refused(&bad, SB_ERROR_ARGUMENT, "0 points");
