@@ -22,7 +22,8 @@ enum {
     INP_MAX_CARD = 1024,
     INP_MAX_DEPTH = 8,
     INP_MAX_FILES = 1000,
-    INP_MAX_FAULTS = 50
+    INP_MAX_FAULTS = 50,
+    INP_MAX_SET_LABELS = 50000000 /* of all sets: a set of sets, or a row, says many in few words */
 };
 
 /* Items of one type, as many as there are. */
@@ -105,6 +106,14 @@ typedef struct inp_entry {
     inp_place place;
 } inp_entry;
 
+/* What entries of a step go by. */
+typedef struct inp_step {
+    inp_place place;
+    const struct inp_keyword *procedure; /* NULL: not there yet */
+    double period;                       /* (s) its end; 1 when it is not said */
+    int ramps;                           /* AMPLITUDE=RAMP: loads without an amplitude rise to its end */
+} inp_step;
+
 /* A term of an equation; `starts` at the first of each. */
 typedef struct inp_term {
     const char *target;
@@ -165,20 +174,21 @@ typedef struct inp_reader {
     inp_list nodes, elements, element_nodes; /* inp_node, inp_element, int [width] labels of each */
     const foreign_element *element;          /* NULL: no element yet */
     inp_place element_place;
-    int is_flat;   /* of the present *ELEMENT: of fewer dimensions, known by label only */
-    inp_list flat; /* int: their labels */
-    inp_list sets; /* inp_set */
-    int set;       /* that is being filled, or -1 */
+    int is_flat;    /* of the present *ELEMENT: of fewer dimensions, known by label only */
+    inp_list flat;  /* int: their labels */
+    inp_list sets;  /* inp_set */
+    int set;        /* that is being filled, or -1 */
+    int set_labels; /* of all sets, so far */
     inp_list materials, sections, amplitudes, surface_items, entries, terms, ties;
     const char *surface;   /* that is being filled */
     int of_nodes;          /* its TYPE=NODE */
     int fresh;             /* OP=NEW of the present card */
     const char *amplitude; /* its AMPLITUDE=, or NULL */
 
-    int step, in_step, nonlinear; /* of the present or last *STEP */
-    const char *step_amplitude;   /* its AMPLITUDE=, or NULL */
+    inp_list steps;               /* inp_step */
+    int step, in_step, nonlinear; /* of the present or last *STEP, from 1 */
     inp_place step_place, procedure_place;
-    const struct inp_keyword *procedure; /* of the last step */
+    const struct inp_keyword *procedure; /* of the last step that has one */
     double times[4];                     /* of its data line */
     int time_count, direct;
     const char *alpha;
@@ -271,6 +281,7 @@ static inline inp_material *inp_materials(const inp_reader *r) { return (inp_mat
 static inline inp_section *inp_sections(const inp_reader *r) { return (inp_section *)r->sections.items; }
 static inline inp_amplitude *inp_amplitudes(const inp_reader *r) { return (inp_amplitude *)r->amplitudes.items; }
 static inline inp_entry *inp_entries(const inp_reader *r) { return (inp_entry *)r->entries.items; }
+static inline inp_step *inp_steps(const inp_reader *r) { return (inp_step *)r->steps.items; }
 static inline inp_term *inp_terms(const inp_reader *r) { return (inp_term *)r->terms.items; }
 
 /* ---- words ------------------------------------------------------------------------------------------------- */
@@ -406,10 +417,23 @@ static inline void inp_open_set(inp_reader *r, const char *name, int of_elements
     set->place = r->card_place;
 }
 
+/* Whether so many more labels may be in sets. */
+static inline int inp_has_room(inp_reader *r, int more)
+{
+    if (more <= INP_MAX_SET_LABELS - r->set_labels)
+        return 1;
+    if (r->set_labels < INP_MAX_SET_LABELS)
+        inp_complain(r, r->here, "the sets have more than %d labels", (int)INP_MAX_SET_LABELS);
+    r->set_labels = INP_MAX_SET_LABELS; /* said once */
+    return 0;
+}
+
 static inline void inp_add_to_set(inp_reader *r, int label)
 {
-    if (r->set >= 0)
-        inp_add_int(r, &inp_sets(r)[r->set].items, label);
+    if (r->set < 0 || !inp_has_room(r, 1))
+        return;
+    inp_add_int(r, &inp_sets(r)[r->set].items, label);
+    r->set_labels++;
 }
 
 static inline void inp_begin_set(inp_reader *r)
@@ -438,9 +462,7 @@ static inline void inp_generate(inp_reader *r, char **fields, int count)
         return;
     if (step < 1 || last < first)
         inp_complain(r, r->here, "from %d to %d by %d is no ascending row", first, last, step);
-    else if ((last - first) / step >= 100000000)
-        inp_complain(r, r->here, "a row of more than 1e8 is refused");
-    else
+    else if (inp_has_room(r, (last - first) / step + 1))
         for (long long label = first; label <= last && !r->no_memory; label += step)
             inp_add_to_set(r, (int)label);
 }
@@ -467,7 +489,9 @@ static inline void inp_data_set(inp_reader *r, char **fields, int count)
         other = inp_find_set(r, inp_name(fields[i]), of_elements);
         if (other < 0)
             inp_complain(r, r->here, "there is no set %.80s before this line", fields[i]);
-        for (int k = 0; other >= 0 && other != r->set && k < inp_sets(r)[other].items.count && !r->no_memory; k++)
+        if (other < 0 || other == r->set || !inp_has_room(r, inp_sets(r)[other].items.count))
+            continue;
+        for (int k = 0; k < inp_sets(r)[other].items.count && !r->no_memory; k++)
             inp_add_to_set(r, ((const int *)inp_sets(r)[other].items.items)[k]);
     }
 }
@@ -733,10 +757,23 @@ static inline void inp_data_equation(inp_reader *r, char **fields, int count)
         inp_complain(r, r->here, "the line has more than the terms of its equation");
 }
 
+static inline const inp_amplitude *inp_find_amplitude(const inp_reader *r, const char *name)
+{
+    for (int i = 0; i < r->amplitudes.count; i++)
+        if (strcmp(inp_amplitudes(r)[i].name, name) == 0)
+            return inp_amplitudes(r) + i;
+    return NULL;
+}
+
 static inline void inp_begin_amplitude(inp_reader *r)
 {
     const char *name = inp_keep(r, inp_need(r, "NAME"));
-    inp_amplitude *amplitude = (inp_amplitude *)inp_add(r, &r->amplitudes, sizeof *amplitude);
+    const inp_amplitude *before = inp_find_amplitude(r, name);
+    inp_amplitude *amplitude;
+    if (before)
+        inp_complain(r, r->card_place, "amplitude %.80s is there already, from %s:%d", name, before->place.path,
+                     before->place.line);
+    amplitude = (inp_amplitude *)inp_add(r, &r->amplitudes, sizeof *amplitude);
     if (!amplitude)
         return;
     amplitude->name = name;
@@ -763,6 +800,11 @@ static inline void inp_begin_surface(inp_reader *r)
     if (type && !r->of_nodes && strcmp(type, "ELEMENT") != 0)
         inp_complain(r, r->card_place, "*SURFACE, TYPE=%.40s is not understood, only ELEMENT and NODE", type);
     r->surface = inp_keep(r, inp_need(r, "NAME"));
+    for (int i = 0; i < r->surface_items.count; i++)
+        if (strcmp(((const inp_surface_item *)r->surface_items.items)[i].surface, r->surface) == 0) {
+            inp_complain(r, r->card_place, "surface %.80s is there already", r->surface);
+            break;
+        }
 }
 
 /* The number of a face in text like P3 or S3, from 0; -1: it is none. */
@@ -981,14 +1023,19 @@ static inline void inp_begin_step(inp_reader *r)
 {
     const char *nonlinear = inp_parameter_of(r, "NLGEOM"), *amplitude = inp_parameter_of(r, "AMPLITUDE");
     int is_on = nonlinear && strcmp(nonlinear, "NO") != 0;
+    inp_step *step = (inp_step *)inp_add(r, &r->steps, sizeof *step);
+    if (!step)
+        return;
     if (nonlinear && *nonlinear && strcmp(nonlinear, "YES") != 0 && strcmp(nonlinear, "NO") != 0)
         inp_complain(r, r->card_place, "NLGEOM=%.20s is not understood, only YES and NO", nonlinear);
     if (amplitude && strcmp(amplitude, "RAMP") != 0 && strcmp(amplitude, "STEP") != 0)
         inp_complain(r, r->card_place, "AMPLITUDE=%.20s is not understood, only RAMP and STEP", amplitude);
     if (r->step > 0 && is_on != r->nonlinear)
         inp_complain(r, r->card_place, "NLGEOM must be the same in all steps");
-    r->step_amplitude = amplitude ? inp_keep(r, amplitude) : NULL;
-    r->step++;
+    step->place = r->card_place;
+    step->period = 1;
+    step->ramps = amplitude && strcmp(amplitude, "RAMP") == 0;
+    r->step = r->steps.count;
     r->in_step = 1;
     r->nonlinear = is_on;
     r->step_place = r->card_place;
@@ -997,7 +1044,7 @@ static inline void inp_begin_step(inp_reader *r)
 static inline void inp_end_step(inp_reader *r)
 {
     r->in_step = 0;
-    if (!r->procedure)
+    if (!inp_steps(r)[r->step - 1].procedure)
         inp_complain(r, r->card_place, "the step has no *STATIC, *DYNAMIC or *FREQUENCY");
 }
 
@@ -1007,7 +1054,7 @@ static inline void inp_begin_procedure(inp_reader *r)
     if (r->procedure && (r->procedure != r->keyword || strcmp(r->keyword->name, "STATIC") != 0))
         inp_complain(r, r->card_place, "*%s after *%s in %s:%d: a case has one solve", r->keyword->name,
                      r->procedure->name, r->procedure_place.path, r->procedure_place.line);
-    r->procedure = r->keyword;
+    inp_steps(r)[r->step - 1].procedure = r->procedure = r->keyword;
     r->procedure_place = r->card_place;
     r->time_count = 0;
     r->direct = inp_parameter_of(r, "DIRECT") != NULL;
@@ -1024,8 +1071,12 @@ static inline void inp_data_procedure(inp_reader *r, char **fields, int count)
         r->times[i] = 0;
         if (*fields[i] && !inp_take_number(r, fields[i], 0, r->times + i))
             return;
+        if (r->times[i] < 0)
+            inp_complain(r, r->here, "*%s with the number %g, which must be >= 0", r->card_name, r->times[i]);
         r->time_count = i + 1;
     }
+    if (r->time_count > 1 && r->times[1] > 0)
+        inp_steps(r)[r->step - 1].period = r->times[1];
 }
 
 /* The first number is how far forces may be out of balance. */
@@ -1357,7 +1408,7 @@ static inline void inp_make_map(inp_reader *r, inp_map *map, const inp_list *lis
         memcpy(&map->pairs[i].label, (const char *)list->items + (size_t)i * stride, sizeof(int));
         map->pairs[i].at = i;
         ascending &= i == 0 || map->pairs[i].label > map->pairs[i - 1].label;
-        map->is_run &= i == 0 || map->pairs[i].label == map->pairs[i - 1].label + 1;
+        map->is_run &= i == 0 || map->pairs[i].label - 1 == map->pairs[i - 1].label;
     }
     if (!ascending)
         qsort(map->pairs, (size_t)map->count, sizeof *map->pairs, inp_compare_pairs);
@@ -1529,9 +1580,6 @@ static inline int inp_is_modes(const inp_reader *r)
 {
     return r->procedure && strcmp(r->procedure->name, "FREQUENCY") == 0;
 }
-/* End (s) of a step; 1 when it is not said. */
-static inline double inp_period(const inp_reader *r) { return r->time_count > 1 && r->times[1] > 0 ? r->times[1] : 1; }
-
 /* Takes a course of 0 to v, which then stays, or of v throughout, apart: v, and the time (s) of the rise. */
 static inline int inp_read_ramp(const inp_amplitude *a, double *factor, double *rise)
 {
@@ -1550,25 +1598,25 @@ static inline int inp_read_ramp(const inp_amplitude *a, double *factor, double *
  * end of its step in any case. */
 static inline double inp_entry_value(inp_reader *r, const inp_entry *e, double *rise)
 {
-    double factor = 1, period = inp_period(r);
-    *rise = r->step_amplitude && strcmp(r->step_amplitude, "RAMP") == 0 && inp_is_dynamic(r) ? period : 0;
-    for (int i = 0; i < r->amplitudes.count && e->amplitude; i++) {
-        const inp_amplitude *a = inp_amplitudes(r) + i;
-        if (strcmp(a->name, e->amplitude) != 0)
-            continue;
-        if (!inp_read_ramp(a, &factor, rise))
-            inp_complain(r, e->place,
-                         "amplitude %.80s is no ramp from (0, 0) to (T, V) nor constant: only those are read", a->name);
-        else if (*rise > period && !inp_is_dynamic(r))
-            inp_complain(r, e->place, "amplitude %.80s rises to %g s, beyond the step's end at %g s", a->name, *rise,
-                         period);
-        if (!inp_is_dynamic(r))
-            *rise = 0;
-        return e->value * factor;
-    }
-    if (e->amplitude)
+    const inp_amplitude *a = e->amplitude ? inp_find_amplitude(r, e->amplitude) : NULL;
+    const inp_step *step = e->step > 0 ? inp_steps(r) + e->step - 1 : NULL; /* NULL: a support at rest */
+    double factor = 1, period = step ? step->period : 1;
+    *rise = step && step->ramps && inp_is_dynamic(r) ? period : 0;
+    if (!e->amplitude)
+        return e->value;
+    if (!a) {
         inp_complain(r, e->place, "there is no amplitude %.80s", e->amplitude);
-    return e->value;
+        return e->value;
+    }
+    if (!inp_read_ramp(a, &factor, rise))
+        inp_complain(r, e->place, "amplitude %.80s is no ramp from (0, 0) to (T, V) nor constant: only those are read",
+                     a->name);
+    else if (*rise > period && !inp_is_dynamic(r))
+        inp_complain(r, e->place, "amplitude %.80s rises to %g s, beyond the step's end at %g s", a->name, *rise,
+                     period);
+    if (!inp_is_dynamic(r))
+        *rise = 0;
+    return e->value * factor;
 }
 
 /* Takes away what steps before `step` put there. */
@@ -2132,7 +2180,7 @@ static inline void inp_take_sections(inp_reader *r)
 
 static inline void inp_add_static(inp_reader *r)
 {
-    double steps = r->time_count > 0 && r->times[0] > 0 ? inp_period(r) / r->times[0] : 1;
+    double steps = r->time_count > 0 && r->times[0] > 0 ? inp_steps(r)[r->step - 1].period / r->times[0] : 1;
     case_statement *s =
         inp_statement(r, CASE_SOLVE, "static", CASE_BIT(CASE_STEPS) | CASE_BIT(CASE_TOL), r->procedure_place);
     if (!s)
@@ -2238,6 +2286,8 @@ static inline void inp_add_statements(inp_reader *r)
         inp_add_static(r);
     if (r->procedure)
         inp_add_outputs(r);
+    if (r->in_step && r->c->faults.count == 0)
+        inp_complain(r, r->step_place, "the *STEP has no *END STEP: the file may be cut off");
 }
 
 static inline int inp_make_tables(inp_reader *r)
@@ -2270,9 +2320,9 @@ static inline void inp_build(inp_reader *r)
 
 static inline void inp_free(inp_reader *r)
 {
-    inp_list *lists[] = {&r->sources, &r->nodes,     &r->elements, &r->element_nodes, &r->flat,
-                         &r->sets,    &r->materials, &r->sections, &r->amplitudes,    &r->surface_items,
-                         &r->ties,    &r->entries,   &r->terms,    &r->probes,        &r->pressures};
+    inp_list *lists[] = {&r->sources,   &r->nodes,    &r->elements,   &r->element_nodes, &r->flat, &r->sets,
+                         &r->materials, &r->sections, &r->amplitudes, &r->surface_items, &r->ties, &r->entries,
+                         &r->terms,     &r->probes,   &r->pressures,  &r->steps};
     for (int i = 1; i < r->sources.count; i++) { /* the first is the case's */
         free(inp_sources(r)[i].text);
         free(inp_sources(r)[i].path);

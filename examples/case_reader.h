@@ -313,10 +313,14 @@ CASE_PRINTF static inline int case_fail(case_file *c, int line, const char *form
     return 0;
 }
 
-/* Says what the library found wrong, with the file and line it names; returns 0. */
+/* Says what the library found wrong, with the file and line it names, or the node by its number in the file; returns
+ * 0. */
 static inline int case_fail_library(case_file *c, int line, const sb_error *error)
 {
     const char *later = error->result == SB_ERROR_UNSUPPORTED ? " (not supported by this version)" : "";
+    if (c->node_numbers && error->node >= 0 && error->node < c->mesh.node_count)
+        return case_fail(c, line, "node %d of the file: %s (counted from 0)", c->node_numbers[error->node],
+                         error->message);
     if (error->line > 0)
         return case_fail(c, line, "%s:%d: %s%s", error->file, error->line, error->message, later);
     return case_fail(c, line, "%s%s%s%s", error->file, error->file[0] ? ": " : "", error->message, later);
@@ -1172,6 +1176,8 @@ static inline int case_load_outer(case_file *c, sb_mesh *mesh)
         options.scale = (sb_real)s->number[CASE_SCALE];
     result = sb_mesh_load(mesh, path, &options, &error);
     free(path);
+    if (result == SB_OK)
+        result = sb_surface_require(mesh, SB_SURFACE_OPEN_EDGES, NULL, NULL, &error);
     return result == SB_OK || case_fail_library(c, s->line, &error);
 }
 
@@ -1190,8 +1196,10 @@ static inline int case_stuff(case_file *c)
     if (c->mesh_statement->number[CASE_CELLS] > 1000)
         return case_fail(c, c->mesh_statement->line, "cells=%g must be at most 1000",
                          c->mesh_statement->number[CASE_CELLS]);
-    if (!case_load_outer(c, &outer))
+    if (!case_load_outer(c, &outer)) {
+        sb_mesh_free(&outer);
         return 0;
+    }
     sb_mesh_bounds(&outer, &low, &high);
     high = sb_v3_sub(high, low);
     def.cell = sb_max(sb_max(high.x, high.y), high.z) / (sb_real)c->mesh_statement->number[CASE_CELLS];
@@ -1221,7 +1229,20 @@ typedef struct case_filter {
     const case_statement *s;
     sb_surface *surface;
     sb_real slack;
+    sb_vec3 normal; /* of a plane, of length 1 */
 } case_filter;
+
+/* Finds the normal of a plane, however long or short the case has it; 0 when it has no length. */
+static inline int case_take_normal(case_filter *filter)
+{
+    const double *n = filter->s->numbers + 3;
+    double most = fmax(fmax(fabs(n[0]), fabs(n[1])), fabs(n[2]));
+    if (!(most > 0))
+        return 0;
+    filter->normal = sb_v3((sb_real)(n[0] / most), (sb_real)(n[1] / most), (sb_real)(n[2] / most));
+    filter->normal = sb_v3_scale(1 / sb_v3_norm(filter->normal), filter->normal);
+    return 1;
+}
 
 static inline int case_is_in(const case_filter *filter, sb_vec3 x)
 {
@@ -1232,7 +1253,7 @@ static inline int case_is_in(const case_filter *filter, sb_vec3 x)
     if (filter->surface)
         return sb_surface_closest(filter->surface, x, slack, NULL);
     if (filter->s->given & CASE_BIT(CASE_PLANE))
-        return sb_abs(sb_v3_dot(sb_v3_sub(x, a), b)) <= slack * sb_v3_norm(b);
+        return sb_abs(sb_v3_dot(sb_v3_sub(x, a), filter->normal)) <= slack;
     return x.x >= a.x - slack && x.y >= a.y - slack && x.z >= a.z - slack && x.x <= b.x + slack && x.y <= b.y + slack &&
            x.z <= b.z + slack;
 }
@@ -1318,7 +1339,7 @@ static inline int case_load_near(case_file *c, const case_statement *s, sb_surfa
 
 static inline int case_load_selection(case_file *c, case_statement *s)
 {
-    case_filter filter = {s, NULL, 0};
+    case_filter filter = {s, NULL, 0, {0, 0, 0}};
     sb_vec3 low, high;
     sb_error error;
     int ok = 1;
@@ -1328,7 +1349,7 @@ static inline int case_load_selection(case_file *c, case_statement *s)
     sb_mesh_bounds(&c->mesh, &low, &high);
     filter.slack = s->given & CASE_BIT(CASE_DISTANCE) ? (sb_real)s->number[CASE_DISTANCE]
                                                       : (sb_real)1e-6 * sb_v3_norm(sb_v3_sub(high, low));
-    if (s->given & CASE_BIT(CASE_PLANE) && !(s->numbers[3] != 0 || s->numbers[4] != 0 || s->numbers[5] != 0))
+    if (s->given & CASE_BIT(CASE_PLANE) && !case_take_normal(&filter))
         return case_fail(c, s->line, "the normal of the plane has no length");
     if (s->form->code == CASE_SELECT_FACES && !c->node_elements.offsets &&
         sb_mesh_node_elements(&c->mesh, NULL, &c->node_elements, &error) != SB_OK)
@@ -2027,7 +2048,6 @@ static inline int case_cut_body(case_file *c, sb_body *body)
     sb_cut_def def = sb_default_cut_def();
     sb_error error;
     def.body = body;
-    def.least_piece = 0; /* crumbs are held, see below */
     def.lattice = c->lattice;
     def.max_strokes = 0;
     def.least_piece = 0; /* crumbs are held, and said */
@@ -2091,7 +2111,8 @@ static inline int case_fail_part(case_file *c, sb_body *body, int node)
                   at + 1, count, (double)p->volume, (double)p->centre.x, (double)p->centre.y, (double)p->centre.z,
                   p->node);
     } else {
-        case_fail(c, c->solve->line, "the part of the mesh with node %d can move freely: support it", node);
+        case_fail(c, c->solve->line, "the part of the mesh with node %d can move freely: support it",
+                  c->node_numbers ? c->node_numbers[node] : node);
     }
     free(parts);
     free(numbers);

@@ -54,9 +54,9 @@ static const char help[] =
     "  tie       nodes=FILE faces=FILE [distance=D]     nodes go with the faces that they lie on (within D)\n"
     "  cut       plane PX PY PZ NX NY NZ     through a point across a normal, at rest, before the solve; tet4, tet10\n"
     "  cut       polygon file=FILE           lines: X Y Z, corners of a polygon: triangles from the first\n"
-    "  cut       surface file=FILE           a surface, e.g. one closed around what is to come loose. Each of the "
-    "three\n"
-    "                                        with [lattice=1|2|4]: places along an element's edge that come apart (2)\n"
+    "  cut       surface file=FILE           a surface, e.g. one closed around what is to come loose\n"
+    "  ablate    X Y Z RADIUS                what of the mesh lies in a ball is taken out; all of these with\n"
+    "                                        [lattice=1|2|4]: places along an element's edge that come apart (2)\n"
     "  solve     static  steps=N tol=T [iterations=N]\n"
     "  solve     euler   dt=S end=S [tol=T] [alpha=A] [beta=B]\n"
     "  solve     newmark dt=S end=S [tol=T] [alpha=A] [beta=B] [newton=N]\n"
@@ -94,9 +94,8 @@ static const char help_notes[] =
     "\n"
     "Prints `converged steps=N newton=N pcg=N seconds=S` and exits with 0. A wrong case: 2, and nothing is "
     "written.\n"
-    "A solve that fails: 3, and the outputs hold the last converged state. An expectation that fails: 4. Also 2: an "
-    "output or stdout that cannot be\n"
-    "written.\n";
+    "A solve that fails: 3, and the outputs hold the last converged state. An expectation that fails: 4. Also 2: an\n"
+    "output or stdout that cannot be written.\n";
 
 enum { EXIT_CONVERGED = 0, EXIT_WRONG_CASE = 2, EXIT_NOT_SOLVED = 3, EXIT_NOT_EXPECTED = 4 };
 

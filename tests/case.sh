@@ -375,6 +375,14 @@ lines displacement.txt 8 'near($4, $1 < 15 ? 0 : 0.01) && $2 <= 0 && $3 <= 0'
 lines reaction.txt 7 '$1 > 14 || near($4, -2.5)'
 lines stress.txt 8 '$1 == 9 && $2 == NR - 1 && near($3, 0) && near($5, 10)'
 lines probe_17.txt 3 'near($4, 0.01 * $1) && near($2, -0.003 * $1)'
+awk '/^.STEP/ { print "*EQUATION\n2\n17,3,1,17,3,-1" } { print }' tension.inp >joined.inp
+run joined.inp
+[ "$run_status" = 2 ] && grep -q 'node 17 of the file: node 6 is slave and master' ../stderr
+result 'names a node by its number in the file' $?
+sed '/^.BOUNDARY/,/^18,1$/d' tension.inp >loose.inp
+run loose.inp
+[ "$run_status" = 2 ] && grep -q 'with node 1[0-9]* can move freely' ../stderr
+result 'names a loose part by the number in the file' $?
 sed 's/^17,3,2.5/17,8,2.5/; s/^\*ELASTIC/*PLASTIC/' tension.inp >mistaken.inp
 run mistaken.inp
 [ "$run_status" = 2 ] && [ ! -s ../stdout ] && [ -z "$(ls out)" ] && [ "$(wc -l <../stderr)" -eq 2 ] &&
@@ -414,6 +422,11 @@ wrong_line 'a selection by nothing' 'select nodes n' 'missing option'
 wrong_line 'a selection in two ways' 'select nodes n box=0,0,0,1,1,1 plane=0,0,0,1,0,0' 'do not go together'
 wrong_line 'a box of three numbers' 'select nodes n box=0,0,0' 'box= must be six finite numbers'
 wrong_line 'a plane without normal' 'select nodes n plane=0,0,0,0,0,0' 'the normal of the plane has no length'
+sed 's/plane=0,0,0,2,0,0/plane=0,0,0,1e-300,0,0/' chosen.case >short_normal.case
+good 'a plane with a short normal' short_normal.case
+sed 's/plane=0,0,0,2,0,0/plane=0,0,0,1e300,0,0/' chosen.case >long_normal.case
+good 'a plane with a long normal' long_normal.case
+lines u 8 'near($4, $1 < 4 ? 0 : 0.01)'
 wrong_line 'nodes near nothing' 'select nodes n near=nowhere.vtk distance=1' 'nowhere.vtk'
 wrong_line 'values from a selection' 'force file=@n' '@n: '
 wrong_line 'an expectation out of range' 'expect probe 8 value=0,0,0 tol=1' 'node 8 is not in the mesh'
@@ -426,6 +439,10 @@ say 'stuff cells=4' "$material" "$static" >wrong.case
 refused 'stuff without surface' 1 'surface and stuff go together'
 say 'stuff cells=1001' 'surface cube.vtk' "$material" "$static" >wrong.case
 refused 'too many cells' 1 'must be at most 1000'
+
+say 'OFF' '4 3 0' '0 0 0' '1 0 0' '0 1 0' '0 0 1' '3 0 2 1' '3 0 1 3' '3 0 3 2' >open.off
+say 'surface open.off' 'stuff cells=4' "$material" "$static" >wrong.case
+refused 'a surface with a hole' 1 'edges of one face only'
 
 # A closed surface in millimetres, filled with tets and pulled.
 say 'OFF' '8 6 0' '0 0 0' '1000 0 0' '1000 1000 0' '0 1000 0' '0 0 1000' '1000 0 1000' '1000 1000 1000' '0 1000 1000' \

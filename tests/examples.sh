@@ -107,6 +107,8 @@ expect 0 '^converged' case_solve "$tests/block.inp" -p given_
 check "both files have the same solution" same_numbers block_displacement.txt given_displacement.txt
 printf '%s\n' 'mesh block_mesh.vtk' 'material corotated E=1e3 nu=.3 density=1e3' 'fix xyz nodes=block_1_fix.txt' \
     'solve static steps=1 tol=1e-8' >turning.case
+{ cat block.case && echo 'expect probe 0 value=0,0,0 tol=1'; } >expected.case
+expect 0 'expected.case:[0-9]*: expect probe is left out' case_convert expected.case expected.inp
 expect 2 'turning.case:2: material corotated with E and nu cannot be said' case_convert turning.case turning.inp
 expect 2 'block_mesh.vtk is read by this case' case_convert turning.case block.case
 expect 0 '^turning.inp: 36 nodes' case_convert --as-svk turning.case turning.inp

@@ -641,6 +641,17 @@ static void test_errors(void)
     CHECK_RESULT(sb_body_add_cable(body, &def, &id, &error), SB_ERROR_INDEX);
     def.nodes = twice;
     CHECK_RESULT(sb_body_add_cable(body, &def, &id, &error), SB_ERROR_ARGUMENT); /* no length */
+    for (int k = 0; k < 3; k++) { /* half a node, a mean of two that is one and a half, a difference */
+        static const int row_start[3] = {0, 2, 2}, nodes[2] = {0, 3};
+        static const sb_real weights[3][2] = {{REAL(0.5), 0}, {REAL(0.75), REAL(0.75)}, {1, -1}};
+        sb_mapping rows;
+        memset(&rows, 0, sizeof rows);
+        rows.row_count = 2, rows.row_start = row_start, rows.nodes = nodes, rows.weights = weights[k];
+        def.nodes = NULL, def.rows = &rows;
+        CHECK_RESULT(sb_body_add_cable(body, &def, &id, &error), SB_ERROR_ARGUMENT);
+        CHECK_INT(error.element, 0);
+        def.rows = NULL;
+    }
     def.nodes = path, def.stiffness = -1;
     CHECK_RESULT(sb_body_add_cable(body, &def, &id, &error), SB_ERROR_ARGUMENT);
     def.stiffness = 1, def.rest_length = -1;

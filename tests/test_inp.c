@@ -31,13 +31,16 @@ static int read_text(case_file *c, const char *text)
 #define CLAMP "*BOUNDARY\n1,1,3\n2,1,3\n3,1,3\n4,1,3\n"
 enum { AFTER_CUBE = 19, AFTER_CLAMP = 24 };
 
-/* Solves a static model and gives the displacement of a node by its number. */
-static sb_vec3 solve_text(const char *text, int number)
+/* Solves a static model, which lacks the last *END STEP, and gives the displacement of a node by its number. */
+static sb_vec3 solve_text(const char *steps, int number)
 {
+    char text[4200];
     case_file c;
     sb_body *body = NULL;
     sb_vec3 u = sb_v3(0, 0, 0);
-    int ok = read_text(&c, text) && case_create_body(&c, &body);
+    int ok;
+    snprintf(text, sizeof text, "%s*END STEP\n", steps);
+    ok = read_text(&c, text) && case_create_body(&c, &body);
     if (!CHECK(ok)) {
         printf("%s", c.faults.text ? c.faults.text : c.message);
     } else {
@@ -136,6 +139,43 @@ static void test_mistakes(void)
     case_free(&c);
 }
 
+/* Steps that are not whole, or do not say what holds at their end. */
+static void check_refused_steps(void)
+{
+    check_refused(CUBE CLAMP "*STEP\n*STATIC\n*CLOAD\nTOP,3,1", AFTER_CLAMP + 1, "no *END STEP");
+    check_refused(CUBE CLAMP "*STEP\n*STATIC\n*CLOAD\nTOP,3,1\n*END STEP\n*STEP\n*CLOAD\nTOP,3,2\n*END STEP\n",
+                  AFTER_CLAMP + 9, "the step has no *STATIC");
+    check_refused(CUBE CLAMP "*STEP\n*DYNAMIC, ALPHA=0, DIRECT\n.1,1\n*END STEP\n*STEP\n*CLOAD\nTOP,3,2\n*END STEP\n",
+                  AFTER_CLAMP + 8, "the step has no *STATIC");
+    check_refused(CUBE CLAMP "*STEP\n*STATIC\n-1,1\n*END STEP\n", AFTER_CLAMP + 3, "must be >= 0");
+    /* the first step ends at half of what its amplitude rises to, however long the second one is */
+    check_refused(CUBE CLAMP "*AMPLITUDE, NAME=A\n0,0,2,1\n*STEP\n*STATIC\n1,1\n*CLOAD, AMPLITUDE=A\nTOP,3,1\n"
+                             "*END STEP\n*STEP\n*STATIC\n1,2\n*END STEP\n",
+                  AFTER_CLAMP + 7, "beyond the step's end at 1 s");
+}
+
+/* Names that two things have. */
+static void check_refused_repeats(void)
+{
+    check_refused(CUBE CLAMP "*AMPLITUDE, NAME=A\n0,0,1,1\n*AMPLITUDE, NAME=A\n0,0,1,5\n*STEP\n*STATIC\n*END STEP\n",
+                  AFTER_CLAMP + 3, "amplitude A is there already");
+    check_refused(CUBE CLAMP "*SURFACE, NAME=A\nALL,S1\n*SURFACE, NAME=A\nALL,S2\n*STEP\n*STATIC\n*END STEP\n",
+                  AFTER_CLAMP + 3, "surface A is there already");
+}
+
+/* Few words that say more labels than a machine has memory for. */
+static void check_refused_bombs(void)
+{
+    char text[4000];
+    int length = snprintf(text, sizeof text, "%s", CUBE "*NSET, NSET=B0\n1\n");
+    check_refused(CUBE "*NSET, NSET=A, GENERATE\n1,2147483647\n", AFTER_CUBE + 2, "more than 50000000 labels");
+    for (int i = 1; i < 20; i++) /* 10^19 labels */
+        length += snprintf(text + length, sizeof text - (size_t)length,
+                           "*NSET, NSET=B%d\nB%d,B%d,B%d,B%d,B%d,B%d,B%d,B%d,B%d,B%d\n", i, i - 1, i - 1, i - 1, i - 1,
+                           i - 1, i - 1, i - 1, i - 1, i - 1, i - 1);
+    check_refused(text, AFTER_CUBE + 18, "more than 50000000 labels");
+}
+
 /* One mistake at a time. */
 static void test_refused(void)
 {
@@ -177,6 +217,9 @@ static void test_refused(void)
     check_refused(CUBE "*EQUATION\n2\n1,1,1\n", AFTER_CUBE + 3, "ends in the middle");
     check_refused(CUBE "*EQUATION\n2\nALL,1,1,1,2,1\n*STEP\n*STATIC\n", AFTER_CUBE + 3, "has 8 nodes");
     check_refused(CUBE "*BOUNDARY, OP=NEW\n1,1\n", AFTER_CUBE + 1, "before the first step");
+    check_refused_steps();
+    check_refused_repeats();
+    check_refused_bombs();
     check_refused(CUBE_MESH "*STEP\n*STATIC\n", 15, "there is no *SOLID SECTION");
     check_refused(CUBE_MESH "*MATERIAL, NAME=M\n*SOLID SECTION, ELSET=ALL, MATERIAL=M\n*STEP\n*STATIC\n", 14,
                   "has no *ELASTIC or *HYPERELASTIC");
@@ -222,13 +265,24 @@ static void test_steps(void)
                    .z,
                0.1, tolerance);
     case_file c;
-    CHECK(read_text(&c, CUBE CLAMP "*STEP\n*STATIC\n*BOUNDARY,OP=NEW\n1,1,3\n2,2,3\nTOP,3,3,.1\n"));
+    CHECK(read_text(&c, CUBE CLAMP "*STEP\n*STATIC\n*BOUNDARY,OP=NEW\n1,1,3\n2,2,3\nTOP,3,3,.1\n*END STEP\n"));
     CHECK(c.supports && memcmp(c.supports, "\7\6\0\0\4\4\4\4", 8) == 0);
     case_free(&c);
     /* an amplitude's end counts */
     CHECK_NEAR(
         solve_text(CUBE CLAMP "*AMPLITUDE, NAME=A\n0,0,1,.5\n*STEP\n*STATIC\n*BOUNDARY,AMPLITUDE=A\nTOP,3,3,.1\n", 5).z,
         0.05, tolerance);
+}
+
+/* The largest label that there is, before a smaller one. */
+static void test_labels(void)
+{
+    sb_vec3 u = solve_text("*NODE\n1,0\n2147483647,1\n3,0,1\n4,0,0,1\n*ELEMENT, TYPE=C3D4, ELSET=ALL\n"
+                           "2147483647,1,2147483647,3,4\n*MATERIAL, NAME=M\n*ELASTIC\n1000,0\n"
+                           "*SOLID SECTION, ELSET=ALL, MATERIAL=M\n*BOUNDARY\n1,1,3\n3,1,3\n4,1,3\n"
+                           "*STEP\n*STATIC\n*BOUNDARY\n2147483647,1,3,.25\n",
+                           2147483647);
+    CHECK_NEAR(u.x, 0.25, 1e-12);
 }
 
 /* CRLF, and an equation that joins the corners of the top to one. */
@@ -261,7 +315,8 @@ static void test_faces(void)
     /* the cube's P2 is its top, P4 its side x = 1, by element or by a surface */
     case_file c;
     sb_vec3 forces[8];
-    static const char *const loads[] = {"*DLOAD\nALL,P2,3\n1,P4,5\n", "*DSLOAD\nUP,P,3\nRIGHT,P,5\n"};
+    static const char *const loads[] = {"*DLOAD\nALL,P2,3\n1,P4,5\n*END STEP\n",
+                                        "*DSLOAD\nUP,P,3\nRIGHT,P,5\n*END STEP\n"};
     for (int k = 0; k < 2; k++) {
         char text[1024];
         snprintf(text, sizeof text, "%s%s%s",
@@ -316,7 +371,7 @@ static void test_tie(void)
         case_free(&c);
     }
     case_file a, b; /* as a case file, with its two lists */
-    snprintf(text, sizeof text, "%s%s%s", mesh, ties[1], step);
+    snprintf(text, sizeof text, "%s%s%s*END STEP\n", mesh, ties[1], step);
     CHECK(read_text(&a, text) && case_write(&a, "build/test_inp_tie.case", NULL));
     CHECK(case_read(&b, "build/test_inp_tie.case"));
     for (int i = 0; i < a.statement_count && i < b.statement_count; i++) {
@@ -628,8 +683,8 @@ static void test_size(void)
 }
 
 CHECK_SUITE(inp, {"a column in all forms of lines", test_column}, {"ten mistakes", test_mistakes},
-            {"mistakes, one at a time", test_refused}, {"loads and supports over steps", test_steps},
-            {"equations, CRLF", test_equation}, {"faces by number and surface", test_faces},
-            {"tied surfaces", test_tie}, {"numbers", test_numbers}, {"reference cases", test_reference},
-            {"reference cases there and back", test_round}, {"random cases there and back", test_random_round},
-            {"100,000 elements", test_size});
+            {"labels", test_labels}, {"mistakes, one at a time", test_refused},
+            {"loads and supports over steps", test_steps}, {"equations, CRLF", test_equation},
+            {"faces by number and surface", test_faces}, {"tied surfaces", test_tie}, {"numbers", test_numbers},
+            {"reference cases", test_reference}, {"reference cases there and back", test_round},
+            {"random cases there and back", test_random_round}, {"100,000 elements", test_size});

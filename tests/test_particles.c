@@ -740,8 +740,34 @@ static void test_arguments(void)
     cloud_free(&cloud);
 }
 
+/* One particle far away does not make others coincide; a cloud as large as numbers are has no volume. */
+static void test_far(void)
+{
+    unsigned long long seed = 71;
+    particle_cloud cloud = random_cloud(&seed, 4, 4, 4, 1, 0.2);
+    sb_particles_def def = sb_default_particles_def();
+    const double huge = SB_REAL_IS_FLOAT ? 1e14 : 1e110;
+    sb_vec3 kept = cloud.points[30];
+    sb_particles p;
+    sb_error error;
+    memset(&p, 0, sizeof p);
+    def.method = SB_PARTICLES_MLS;
+    def.points = cloud.points;
+    def.point_count = cloud.count;
+    cloud.points[30] = sb_v3(REAL(1e9), REAL(1e9), REAL(1e9));
+    CHECK_RESULT(sb_particles_create(&def, &p, &error), SB_ERROR_UNSUPPORTED); /* all others are equally far */
+    CHECK_INT(error.node, -1);
+    CHECK_INT(error.element, 30);
+    cloud.points[30] = kept;
+    for (int i = 0; i < cloud.count; i++)
+        cloud.points[i] = sb_v3_scale(REAL(huge), cloud.points[i]);
+    CHECK_RESULT(sb_particles_create(&def, &p, &error), SB_ERROR_NOT_FINITE);
+    CHECK(p.table == NULL);
+    cloud_free(&cloud);
+}
+
 CHECK_SUITE(particles, {"kernels", test_kernels}, {"complete", test_complete}, {"incomplete", test_incomplete},
             {"slopes", test_slopes}, {"volumes", test_volumes}, {"consistent", test_consistent},
             {"mirrors", test_mirrors}, {"nearest", test_nearest}, {"clouds", test_clouds}, {"shapes", test_shapes},
             {"regions", test_regions}, {"cut", test_cut}, {"threads", test_threads}, {"memory", test_memory},
-            {"arguments", test_arguments});
+            {"arguments", test_arguments}, {"far", test_far});

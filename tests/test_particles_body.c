@@ -302,6 +302,42 @@ static void test_halves(void)
     }
 }
 
+/* A body outlives cuts of what it was made of: it steps, and its state can be saved. It is none of the cut cloud. */
+static void test_outlives_cuts(void)
+{
+    unsigned long long seed = 15;
+    particle_cloud cloud = random_cloud(&seed, 5, 4, 4, 1, 0.15);
+    sb_particles_def def = sb_default_particles_def();
+    sb_mesh sheets[2] = {make_sheet(REAL(0.4), -1, 2), make_sheet(REAL(0.7), -1, 2)};
+    sb_particles p;
+    sb_body *body;
+    size_t size;
+    unsigned char *before, *after;
+    cloud_use(&cloud, &def);
+    p = make_particles(&def);
+    sb_body_def body_def = cloud_body_def(&p, sb_material_corotated(1000, REAL(0.3), 1000));
+    body_def.gravity = sb_v3(0, 0, REAL(-9.81));
+    body = scene_body(&body_def);
+    size = sb_body_state_size(body);
+    before = (unsigned char *)malloc(size);
+    after = (unsigned char *)malloc(size);
+    CHECK_OK(sb_body_step(body, REAL(0.02), NULL));
+    CHECK_OK(sb_body_state_save(body, before, size));
+    for (int i = 0; i < 2; i++)
+        CHECK_OK(sb_particles_cut(&p, &sheets[i], NULL));
+    CHECK_OK(sb_body_state_save(body, after, size));
+    CHECK(memcmp(before, after, size) == 0);
+    CHECK_OK(sb_body_step(body, REAL(0.02), NULL));
+    CHECK_RESULT(sb_particles_stabilise(&p, body, REAL(0.02), NULL, NULL), SB_ERROR_ARGUMENT);
+    sb_body_destroy(body);
+    sb_particles_free(&p);
+    for (int i = 0; i < 2; i++)
+        sb_mesh_free(&sheets[i]);
+    free(before);
+    free(after);
+    cloud_free(&cloud);
+}
+
 /* Steps on with these threads, and by way of a saved state; both must give one hash. */
 static unsigned long long play(const sb_particles *p, sb_material material, sb_integrator integrator, int *workers,
                                int by_state)
@@ -513,5 +549,6 @@ static void test_stabilise_arguments(void)
 
 CHECK_SUITE(particles_body, {"patch", test_patch}, {"rotation", test_rotation}, {"momentum", test_momentum},
             {"zero modes", test_zero_modes}, {"drift", test_drift}, {"halves", test_halves},
-            {"same bits", test_same_bits}, {"recorded and played again", test_recorded}, {"batches", test_batches},
-            {"undo", test_undo}, {"arguments of stabilisation", test_stabilise_arguments});
+            {"outlives cuts", test_outlives_cuts}, {"same bits", test_same_bits},
+            {"recorded and played again", test_recorded}, {"batches", test_batches}, {"undo", test_undo},
+            {"arguments of stabilisation", test_stabilise_arguments});

@@ -334,6 +334,8 @@ static void test_errors(void)
     sb_error error;
     set = sb_material_with_prestretch(m, g);
     CHECK_RESULT(sb_material_check(&set, &error), SB_ERROR_MATERIAL);
+    set = sb_material_with_prestretch(m, sb_m3_zero());
+    CHECK_RESULT(sb_material_check(&set, &error), SB_ERROR_MATERIAL);
     g.m[2][2] = REAL(NAN);
     check_bad_numbers();
     set = sb_material_with_prestretch(m, g);

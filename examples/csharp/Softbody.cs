@@ -3759,9 +3759,9 @@ public static unsafe class Native
     public static extern sb_particles_def sb_default_particles_def();
     /// <summary>
     /// Makes particles. Same bits for any threads. SB_ERROR_ARGUMENT (a field out of range, named), SB_ERROR_NOT_FINITE (a
-    /// point or number), SB_ERROR_MESH (error-&gt;node names a particle at the place of another, error-&gt;element a point whose
-    /// neighbours stay in a plane after growing; nothing is inside), SB_ERROR_UNSUPPORTED (a point with more particles than
-    /// SB_MAX_ELEMENT_NODES), and what sb_grid_create returns; *particles is untouched.
+    /// point, a number, or what volumes sum up to), SB_ERROR_MESH (error-&gt;node names a particle at the place of another,
+    /// error-&gt;element a point whose neighbours stay in a plane after growing; nothing is inside), SB_ERROR_UNSUPPORTED (a
+    /// point with more particles than SB_MAX_ELEMENT_NODES), and what sb_grid_create returns; *particles is untouched.
     /// </summary>
     [DllImport(Library, CallingConvention = CallingConvention.Cdecl)]
     public static extern sb_result sb_particles_create(sb_particles_def* def, sb_particles* particles, sb_error* error);
@@ -3790,8 +3790,9 @@ public static unsafe class Native
     /// Cuts along a surface of triangles or quads, open or closed: no point has neighbours that a segment through it leads
     /// to, then or in cuts to come. Points are made anew where that changes something, with growing radii; one whose
     /// neighbours do not span space even then does without what they do not see (`lost`). Make a new body of the result; the
-    /// old one keeps what it copied, but borrows the table: destroy it before sb_particles_free. Errors as
-    /// sb_surface_create, SB_ERROR_ARGUMENT, SB_ERROR_MEMORY; *particles is as it was.
+    /// old one keeps what it copied, but borrows a table that stays until sb_particles_free: destroy it before that. Errors
+    /// as sb_surface_create, SB_ERROR_ARGUMENT, SB_ERROR_UNSUPPORTED (as sb_particles_create), SB_ERROR_MEMORY; *particles
+    /// is as it was.
     /// </summary>
     [DllImport(Library, CallingConvention = CallingConvention.Cdecl)]
     public static extern sb_result sb_particles_cut(sb_particles* particles, sb_mesh* surface, sb_error* error);
@@ -4301,9 +4302,10 @@ public static unsafe class Native
     /// - When the mesh changes, points go with their nodes and their material as rows of mappings do: to heirs of nodes
     ///   that go, to the cell that has their material. Points in space stay.
     /// Errors, with nothing added: SB_ERROR_ARGUMENT (NULL; fewer than 2 points; none of the body; a stiffness or toe strain
-    /// below 0; rest_length below 0, or 0 where all points lie on one place; a point without a place), SB_ERROR_INDEX (a
-    /// node out of range, or of no element), SB_ERROR_NOT_FINITE, SB_ERROR_MEMORY; error-&gt;element names the point. Points
-    /// without a common element enlarge the body's tangent as those of a mapping's row do.
+    /// below 0; rest_length below 0, or 0 where all points lie on one place; a point without a place, or whose weights do
+    /// not sum to 1), SB_ERROR_INDEX (a node out of range, or of no element), SB_ERROR_NOT_FINITE, SB_ERROR_MEMORY;
+    /// error-&gt;element names the point. Points without a common element enlarge the body's tangent as those of a mapping's
+    /// row do.
     /// Source: Blemker and Delp 2005 (paths that slide), Weiss et al. 1996 (toe of ligaments).
     /// </summary>
     [DllImport(Library, CallingConvention = CallingConvention.Cdecl)]

@@ -1,6 +1,7 @@
 /* cable: ligaments, sutures, threads, tethers and springs of a rest length. */
 #include "cable.h"
 
+#include <math.h>
 #include <string.h>
 
 #include "cable_law.h"
@@ -34,6 +35,7 @@ static sb_result sbi_cable_check_point(const sb_body *body, const sb_cable_def *
     const int *nodes;
     const sb_real *weights;
     int count = sbi_cable_def_row(def, k, &nodes, &weights), start[2] = {0, count};
+    double sum = 0;
     sb_mapping row;
     sb_result result;
     if (count == 0 && !def->places)
@@ -47,8 +49,13 @@ static sb_result sbi_cable_check_point(const sb_body *body, const sb_cable_def *
     row.nodes = nodes;
     row.weights = weights;
     result = sbi_load_check_mapping(body, &row, error);
-    return result == SB_OK ? SB_OK
-                           : sbi_fail_element(error, result, k, "point %d of the cable is no point of the body", k);
+    if (result != SB_OK)
+        return sbi_fail_element(error, result, k, "point %d of the cable is no point of the body", k);
+    for (int i = 0; i < count; i++)
+        sum += (double)weights[i];
+    return fabs(sum - 1) < 1e-3 ? SB_OK
+                                : sbi_fail_element(error, SB_ERROR_ARGUMENT, k,
+                                                   "the weights of point %d of the cable sum up to %g, not 1", k, sum);
 }
 
 /* Checks points; *entries: of all rows, *anchor: a node of the body that the cable has, -1: none. */

@@ -39,9 +39,10 @@ SB_API sb_cable_def sb_default_cable_def(void); /* of its present length, slack 
  * - When the mesh changes, points go with their nodes and their material as rows of mappings do: to heirs of nodes
  *   that go, to the cell that has their material. Points in space stay.
  * Errors, with nothing added: SB_ERROR_ARGUMENT (NULL; fewer than 2 points; none of the body; a stiffness or toe strain
- * below 0; rest_length below 0, or 0 where all points lie on one place; a point without a place), SB_ERROR_INDEX (a
- * node out of range, or of no element), SB_ERROR_NOT_FINITE, SB_ERROR_MEMORY; error->element names the point. Points
- * without a common element enlarge the body's tangent as those of a mapping's row do.
+ * below 0; rest_length below 0, or 0 where all points lie on one place; a point without a place, or whose weights do
+ * not sum to 1), SB_ERROR_INDEX (a node out of range, or of no element), SB_ERROR_NOT_FINITE, SB_ERROR_MEMORY;
+ * error->element names the point. Points without a common element enlarge the body's tangent as those of a mapping's
+ * row do.
  * Source: Blemker and Delp 2005 (paths that slide), Weiss et al. 1996 (toe of ligaments). */
 SB_API sb_result sb_body_add_cable(sb_body *body, const sb_cable_def *def, int *load_id, sb_error *error);
 /* Changes between steps, without allocation: a suture that is tightened, a ligament that was torn (stiffness 0).

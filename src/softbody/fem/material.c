@@ -168,8 +168,10 @@ SB_API sb_material sb_material_with_contraction(sb_material material, sb_real te
 
 SB_API sb_material sb_material_with_prestretch(sb_material material, sb_mat3 G)
 {
-    sb_mat3 one = sb_m3_identity();
-    material.prestretch = memcmp(&G, &one, sizeof G) == 0 ? sb_m3_zero() : G;
+    const sb_mat3 one = sb_m3_identity(), none = sb_m3_zero();
+    material.prestretch = memcmp(&G, &one, sizeof G) == 0 ? none : G;
+    if (memcmp(&G, &none, sizeof G) == 0) /* which stands for none: kept apart, to be refused for its determinant */
+        material.prestretch.m[0][0] = SB_EPSILON;
     return material;
 }
 
@@ -326,7 +328,7 @@ SBI_API sb_result sbi_material_check_prestretch(const sb_material *m, int any_mo
     }
     if (zero)
         return SB_OK;
-    if (!finite || !sb_is_finite(det) || !sb_is_finite(1 / det))
+    if (!finite || !sb_is_finite(det) || (det > 0 && !sb_is_finite(1 / det)))
         return sbi_fail(error, SB_ERROR_NOT_FINITE, "material prestretch has the determinant %g", (double)det);
     if (!(det > 0))
         return sbi_fail(error, SB_ERROR_MATERIAL, "material prestretch has the determinant %g, must be > 0",

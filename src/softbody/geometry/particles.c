@@ -21,6 +21,21 @@ SB_API sb_particles_def sb_default_particles_def(void)
     return def;
 }
 
+/* The table that a cloud shows, and those that bodies of it before its cuts borrow. */
+typedef struct sbi_particle_table {
+    sb_element_table shown; /* first: sb_particles.table */
+    struct sbi_particle_table *before;
+} sbi_particle_table;
+
+static void sbi_particle_tables_free(sb_element_table *shown, const sb_allocator *allocator)
+{
+    for (sbi_particle_table *table = (sbi_particle_table *)shown; table;) {
+        sbi_particle_table *before = table->before;
+        sbi_free(allocator, table);
+        table = before;
+    }
+}
+
 SB_API void sb_particles_free(sb_particles *particles)
 {
     sb_allocator allocator;
@@ -32,7 +47,7 @@ SB_API void sb_particles_free(sb_particles *particles)
     sbi_free(&allocator, particles->cuts);
     sb_mesh_free(&particles->mesh);
     sb_domain_free(&particles->domain);
-    sbi_free(&allocator, particles->table);
+    sbi_particle_tables_free(particles->table, &allocator);
     sbi_free(&allocator, particles->points);
     sbi_free(&allocator, particles->radii);
     sbi_free(&allocator, particles->shapes);
@@ -308,7 +323,7 @@ static sb_result sbi_particles_allocate(sb_particles *particles, int nodes, int 
     sb_domain *domain = &particles->domain;
     sb_mesh *mesh = &particles->mesh;
     mesh->allocator = domain->allocator = *allocator;
-    particles->table = (sb_element_table *)sbi_alloc_zeroed(allocator, 1, sizeof *particles->table);
+    particles->table = (sb_element_table *)sbi_alloc_zeroed(allocator, 1, sizeof(sbi_particle_table));
     mesh->nodes = (sb_vec3 *)sbi_alloc(allocator, (size_t)nodes, sizeof(sb_vec3));
     mesh->elements = (int *)sbi_alloc(allocator, cells, n * sizeof(int));
     mesh->regions = (int *)sbi_alloc(allocator, cells, sizeof(int));
@@ -364,18 +379,21 @@ static sb_result sbi_particles_build(sbi_particles_work *work, const int *region
             volume += (double)weights[i];
         particles->volume = (sb_real)volume;
         particles->spacing = (sb_real)cbrt(volume / work->near->count);
+        if (!sb_is_finite(particles->volume) || !(particles->spacing > 0))
+            result = sbi_fail(error, SB_ERROR_NOT_FINITE, "the volumes of %d points sum up to %g m^3",
+                              work->point_count, volume);
     }
     sbi_free(&particles->def.allocator, work->sites);
     return result;
 }
 
-/* No two particles at the same place: nothing would hold them together. */
+/* No two particles at the same place, beside how far others are: nothing would hold them together. */
 static sb_result sbi_particles_check_apart(const sbi_near *near, sb_error *error)
 {
     sbi_neighbours found;
     for (int i = 0; i < near->count; i++)
-        if (sbi_near_find(near, near->points[i], i, 1, 1, 0, &found) && found.count > 0 &&
-            found.distance[0] <= 1e-6 * near->edge)
+        if (sbi_near_find(near, near->points[i], i, 4, 4, 0, &found) && found.count > 0 &&
+            found.distance[0] <= 1e-6 * found.distance[found.count - 1])
             return sbi_fail_node(error, SB_ERROR_MESH, i, "particle %d is where particle %d is", i, found.nodes[0]);
     return SB_OK;
 }
@@ -538,7 +556,9 @@ SB_API sb_result sb_particles_cut(sb_particles *particles, const sb_mesh *surfac
     if (result == SB_OK)
         result = sbi_particles_rebuild(particles, &made, error);
     if (result == SB_OK) {
-        particles->cut_count = 0; /* they are the new one's */
+        particles->cut_count = 0; /* they are the new one's, and so are the tables */
+        ((sbi_particle_table *)made.table)->before = (sbi_particle_table *)particles->table;
+        particles->table = NULL;
         sb_particles_free(particles);
         *particles = made;
         return SB_OK;

@@ -128,9 +128,9 @@ typedef struct sb_particles {
 } sb_particles;
 
 /* Makes particles. Same bits for any threads. SB_ERROR_ARGUMENT (a field out of range, named), SB_ERROR_NOT_FINITE (a
- * point or number), SB_ERROR_MESH (error->node names a particle at the place of another, error->element a point whose
- * neighbours stay in a plane after growing; nothing is inside), SB_ERROR_UNSUPPORTED (a point with more particles than
- * SB_MAX_ELEMENT_NODES), and what sb_grid_create returns; *particles is untouched. */
+ * point, a number, or what volumes sum up to), SB_ERROR_MESH (error->node names a particle at the place of another,
+ * error->element a point whose neighbours stay in a plane after growing; nothing is inside), SB_ERROR_UNSUPPORTED (a
+ * point with more particles than SB_MAX_ELEMENT_NODES), and what sb_grid_create returns; *particles is untouched. */
 SB_API sb_result sb_particles_create(const sb_particles_def *def, sb_particles *particles, sb_error *error);
 SB_API void sb_particles_free(sb_particles *particles); /* NULL and {0} are fine */
 
@@ -154,8 +154,9 @@ SB_API sb_result sb_particles_map_surface(const sb_particles *particles, const s
 /* Cuts along a surface of triangles or quads, open or closed: no point has neighbours that a segment through it leads
  * to, then or in cuts to come. Points are made anew where that changes something, with growing radii; one whose
  * neighbours do not span space even then does without what they do not see (`lost`). Make a new body of the result; the
- * old one keeps what it copied, but borrows the table: destroy it before sb_particles_free. Errors as
- * sb_surface_create, SB_ERROR_ARGUMENT, SB_ERROR_MEMORY; *particles is as it was. */
+ * old one keeps what it copied, but borrows a table that stays until sb_particles_free: destroy it before that. Errors
+ * as sb_surface_create, SB_ERROR_ARGUMENT, SB_ERROR_UNSUPPORTED (as sb_particles_create), SB_ERROR_MEMORY; *particles
+ * is as it was. */
 SB_API sb_result sb_particles_cut(sb_particles *particles, const sb_mesh *surface, sb_error *error);
 
 #endif /* SB_PARTICLES_H */
