@@ -84,7 +84,7 @@ static int check_course(const work *w)
 {
     const organ *o = &w->real;
     const settings *s = w->set;
-    if (s->seconds * s->rate > MOST_FRAMES)
+    if (s->seconds * s->rate > (int)MOST_FRAMES)
         return organ_complain(o, "--seconds", "that long at this --rate is more than 20,000 frames", ORGAN_USAGE);
     if (s->push > 0.5 * (double)(o->high.z - o->low.z))
         return organ_complain(o, "--push", "the top would be pushed through half of the organ", ORGAN_USAGE);
