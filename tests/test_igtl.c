@@ -132,6 +132,7 @@ static void test_limits(void)
     CHECK(igtl_array_number(&back, 0) == 2147483647 && igtl_array_number(&back, 1) == -2147483648.0);
     CHECK(igtl_array_number(&back, 2) == 2147483647 && igtl_array_number(&back, 3) == -7);
     CHECK(igtl_time(1234567890.5) == UINT64_C(0x499602d27fffffff));
+    check_bad_numbers();
     CHECK(igtl_time(-1) == 0 && igtl_time(nan("")) == 0 && igtl_time(1e300) == UINT64_MAX);
 }
 
