@@ -759,6 +759,7 @@ static void test_far(void)
     CHECK_INT(error.node, -1);
     CHECK_INT(error.element, 30);
     cloud.points[30] = kept;
+    check_bad_numbers();
     for (int i = 0; i < cloud.count; i++)
         cloud.points[i] = sb_v3_scale(REAL(huge), cloud.points[i]);
     CHECK_RESULT(sb_particles_create(&def, &p, &error), SB_ERROR_NOT_FINITE);
