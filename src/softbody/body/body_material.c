@@ -312,7 +312,7 @@ SBI_API sb_material sbi_body_unpack_material(const sb_body *body, int model, int
 static void sbi_body_tell_material(sb_body *body, int all, int region, const sb_material *material)
 {
     const int ints[3] = {region, (int)material->model, material->prony_count};
-    sb_real reals[SBI_MATERIAL_REALS + SBI_MATERIAL_PRESTRETCH];
+    sb_real reals[(int)SBI_MATERIAL_REALS + (int)SBI_MATERIAL_PRESTRETCH];
     size_t more = sbi_material_is_prestretched(material) ? SBI_MATERIAL_PRESTRETCH : 0;
     sbi_body_pack_material(material, reals);
     memcpy(reals + SBI_MATERIAL_REALS, material->prestretch.m, sizeof material->prestretch.m);

@@ -314,7 +314,7 @@ static sb_result sbi_record_refuse_counts(const sbi_command *c, sb_error *error)
 static sb_result sbi_play_material(sb_body *body, const sbi_command *c, sb_error *error)
 {
     sb_material material;
-    if (c->real_count != SBI_MATERIAL_REALS && c->real_count != SBI_MATERIAL_REALS + SBI_MATERIAL_PRESTRETCH)
+    if (c->real_count != SBI_MATERIAL_REALS && c->real_count != (int)SBI_MATERIAL_REALS + (int)SBI_MATERIAL_PRESTRETCH)
         return sbi_record_refuse_counts(c, error);
     if (c->ints[1] < SB_LINEAR || c->ints[1] > SBI_LAST_MODEL || c->ints[2] < 0 || c->ints[2] > SB_MAX_PRONY_TERMS)
         return sbi_fail(error, SB_ERROR_FORMAT, "material model %d or Prony term count %d is out of range", c->ints[1],
