@@ -361,6 +361,12 @@ static inline sb_result igtl_open_extended(igtl_message *m, const unsigned char 
     return igtl_check_metadata(m, (size_t)sizes, (size_t)text, error);
 }
 
+/* 1 when the checksum of the body behind these bytes' header is right. */
+static inline int igtl_is_intact(const igtl_crc *crc, const unsigned char *bytes, const igtl_header *header)
+{
+    return igtl_crc_of(crc, bytes + IGTL_HEADER, header->body) == header->crc;
+}
+
 /* Takes a whole message apart; `message` points into its bytes. A wrong checksum is an error. */
 static inline sb_result igtl_open(const igtl_crc *crc, const unsigned char *bytes, size_t size, igtl_message *message,
                                   sb_error *error)
@@ -374,7 +380,7 @@ static inline sb_result igtl_open(const igtl_crc *crc, const unsigned char *byte
         return SB_ERROR_FORMAT;
     if (m.header.body != size - IGTL_HEADER)
         return igtl_fail(error, "%s: %zu bytes in place of %zu", m.header.type, size - IGTL_HEADER, m.header.body);
-    if (igtl_crc_of(crc, bytes + IGTL_HEADER, m.header.body) != m.header.crc)
+    if (!igtl_is_intact(crc, bytes, &m.header))
         return igtl_fail(error, "%s: the checksum is wrong", m.header.type);
     m.content = bytes + IGTL_HEADER;
     m.content_size = m.header.body;

@@ -187,11 +187,22 @@ static inline void igtl_service_take(igtl_service *s, int index, const igtl_mess
         igtl_service_done(s, link, m->header.type + 4, 1);
 }
 
+/* Tells a peer what was wrong with its last message. */
+static inline void igtl_service_refuse(igtl_service *s, igtl_link *link, const sb_error *why)
+{
+    igtl_status status = igtl_status_bad("message", why->message);
+    igtl_header header;
+    sb_error error;
+    if (igtl_read_header(link->in.data, &header, &error) == SB_OK &&
+        !igtl_is_intact(&s->organ->crc, link->in.data, &header))
+        status.code = IGTL_STATUS_CHECKSUM;
+    igtl_service_status(s, link, &status);
+}
+
 static inline void igtl_service_serve(igtl_service *s, int index)
 {
     igtl_link *link = s->links + index;
     igtl_message message;
-    igtl_status status;
     sb_error error;
     size_t bytes = 0;
     int got = 0;
@@ -201,9 +212,7 @@ static inline void igtl_service_serve(igtl_service *s, int index)
         if (got == 1) {
             igtl_service_take(s, index, &message);
         } else if (got == -1) {
-            int checksum = strstr(error.message, "checksum") != NULL;
-            status = igtl_status_of(checksum ? IGTL_STATUS_CHECKSUM : IGTL_STATUS_UNKNOWN, "message", error.message);
-            igtl_service_status(s, link, &status);
+            igtl_service_refuse(s, link, &error);
         } else {
             break;
         }

@@ -508,5 +508,41 @@ static void test_balls(void)
     skin_free(&s);
 }
 
+static void turn(sb_mesh *surface, int face)
+{
+    int *corners = surface->elements + 3 * face, first = corners[0];
+    corners[0] = corners[1];
+    corners[1] = first;
+}
+
+/* Skins whose inside is not known touch tools, but not each other: refused, with the triangle. */
+static void test_open_skins(void)
+{
+    enum { CLOSED, OPEN, ONE_TURNED, INSIDE_OUT, KINDS };
+    sb_vec3 size = sb_v3(REAL(0.04), REAL(0.04), REAL(0.04)), middle = sb_v3_scale(REAL(0.5), size);
+    for (int kind = 0; kind < (int)KINDS; kind++) {
+        sb_contact_def contact = press_exact();
+        sb_mesh skin = skin_sphere(middle, 0.019, 2);
+        int faces = skin.element_count;
+        sb_contact *paired = NULL;
+        sb_error error;
+        skinned s;
+        skin.element_count -= kind == OPEN;
+        for (int f = 0; f < faces; f++)
+            if (kind == INSIDE_OUT || (kind == ONE_TURNED && f == 5))
+                turn(&skin, f);
+        s = skin_make(scene_box(SB_HEX8, 3, 3, 3, size, 0), skin, skin_tissue(1e5, 0.4), contact);
+        sb_contact_destroy(s.p.contact);
+        contact.body = s.p.body;
+        contact.skin = s.skin;
+        contact.pairs = SB_CONTACT_ORGANS | SB_CONTACT_SELF;
+        CHECK_RESULT(sb_contact_create(&contact, &paired, &error), kind == CLOSED ? SB_OK : SB_ERROR_MESH);
+        CHECK((paired != NULL) == (kind == CLOSED));
+        CHECK(kind == CLOSED || (error.element >= 0 && error.element < faces && error.message[0]));
+        s.p.contact = paired;
+        skin_free(&s);
+    }
+}
+
 CHECK_SUITE(contact_lips, {"pressed", test_pressed}, {"thrown", test_thrown}, {"state", test_state},
-            {"no memory", test_no_memory}, {"balls", test_balls});
+            {"no memory", test_no_memory}, {"balls", test_balls}, {"open skins", test_open_skins});

@@ -14,23 +14,21 @@
 
 enum { FUZZ_IGTL_MESSAGES = 8 };
 
-/* What is accepted must lie within the bytes: the sanitizers look. */
+/* What is accepted must lie within the bytes. */
 static inline void fuzz_read_igtl(const igtl_message *m)
 {
+    const unsigned char *end = m->content + m->content_size;
     igtl_polydata p;
     igtl_array a;
     sb_error error;
-    double sum = 0;
     if (igtl_get_polydata(m, &p, &error) == SB_OK)
         for (int i = 0; i < p.attribute_count; i++)
-            for (size_t k = 0; k < p.attributes[i].count * (size_t)p.attributes[i].components; k++)
-                sum += igtl_get_float(p.attributes[i].bytes + 4 * k);
+            FUZZ_REQUIRE(4 * p.attributes[i].count * (size_t)p.attributes[i].components <=
+                         (size_t)(end - p.attributes[i].bytes));
     if (igtl_get_array(m, &a, &error) == SB_OK)
-        for (size_t i = 0; i < a.count; i++)
-            sum += igtl_array_number(&a, i);
+        FUZZ_REQUIRE(a.count * igtl_array_width(a.type) <= (size_t)(end - a.bytes));
     for (int i = 0; i < m->entry_count; i++)
-        sum += (double)igtl_get_entry(m, i).value_length;
-    FUZZ_REQUIRE(sum == sum || sum != sum);
+        FUZZ_REQUIRE(igtl_get_entry(m, i).value_length <= m->header.body);
 }
 
 /* Does the next message to the organ; returns the bytes that it took, 0 at the end. */

@@ -4,6 +4,7 @@
 #include <string.h>
 
 #include "../body/body_private.h"
+#include "../geometry/surface.h"
 #include "contact_private.h"
 
 #define SBI_CONTACT_COOKIE 0xc0117ac7u
@@ -150,12 +151,35 @@ static sb_result sbi_contact_skin_create(sb_contact *c, const sb_contact_def *de
     return sbi_contact_skin_update(c, error);
 }
 
+/* Inside and outside of organs tell whether they touch: a skin of the user's own has both. (Those of cuts have by how
+ * they are made, and change.) */
+static sb_result sbi_contact_require_closed(const sb_contact *c, sb_error *error)
+{
+    const sb_skin *skin = c->skin.source;
+    sb_mesh surface;
+    if (!skin || skin->is_late)
+        return SB_OK;
+    memset(&surface, 0, sizeof surface);
+    surface.element_type = SB_TRI3;
+    surface.node_count = skin->point_count;
+    surface.nodes = c->skin.rest;
+    surface.element_count = skin->face_count;
+    surface.elements = c->faces->nodes; /* three each */
+    return sb_surface_require(&surface, SB_SURFACE_OPEN_EDGES | SB_SURFACE_FLIPPED | SB_SURFACE_INSIDE_OUT,
+                              &c->allocator, NULL, error);
+}
+
 static sb_result sbi_contact_fill_in(sb_contact *c, const sb_contact_def *def, sb_error *error)
 {
     sb_result result = def->skin ? sbi_contact_skin_create(c, def, error)
                                  : sbi_contact_faces_create(c->body, &c->allocator, &c->faces, error);
     if (result != SB_OK)
         return result;
+    if (def->pairs) {
+        result = sbi_contact_require_closed(c, error);
+        if (result != SB_OK)
+            return result;
+    }
     c->patch_room = c->max_contacts / SBI_CONTACT_LEAST_SAMPLES;
     c->corner_room = c->skin.source ? SBI_CONTACT_SKIN_POINTS * c->skin.corners : SBI_CONTACT_MOST_CORNERS;
     c->region_room = c->faces->region_count;
