@@ -117,9 +117,9 @@ typedef struct sb_contact_def {
 SB_API sb_contact_def sb_default_contact_def(void);
 
 /* SB_ERROR_ARGUMENT names the field; SB_ERROR_STATE: the body has a contact already; SB_ERROR_UNSUPPORTED: its steps
- * are explicit and def.pairs is not 0, or it is of custom elements and def.skin is given; SB_ERROR_STATE also for a skin
- * that is none of this body's mesh, or does not follow its changes; SB_ERROR_MESH: it has no surface, or def.pairs is
- * not 0 and def.skin (one of sb_skin_create) is open, turned against itself or inside out: error->element is the
+ * are explicit and def.pairs is not 0, or it is of custom elements and def.skin is given; SB_ERROR_STATE also for a
+ * skin that is none of this body's mesh, or does not follow its changes; SB_ERROR_MESH: it has no surface, or def.pairs
+ * is not 0 and def.skin (one of sb_skin_create) is open, turned against itself or inside out: error->element is the
  * triangle; SB_ERROR_MEMORY. *contact is then untouched. Nothing allocates afterwards but sb_contact_add_tool. */
 SB_API sb_result sb_contact_create(const sb_contact_def *def, sb_contact **contact, sb_error *error);
 SB_API void sb_contact_destroy(sb_contact *contact); /* NULL is fine */
