@@ -14,13 +14,18 @@
  * stress intensity, from energies at cracks that are two elements shorter and longer, beside F sqrt(pi a) (Tada, Paris
  * and Irwin). In single precision it is left out: differences of energies are lost there.
  *
- * Written are tables with the order of each curve, the same numbers as CSV and a chart (SVG); the same on every
+ * The third is that plate in the plane, of linear triangles, for what sb_cut does not do: branch functions at the
+ * front (crack_plane.h), beside jumps alone and beside a mesh made for the crack. Measured is the energy that the crack
+ * adds, beside 1.388 (of F, and extrapolated).
+ *
+ * Written are tables with the order of each curve, the same numbers as CSV and charts (SVG); the same on every
  * machine. Exit status: 0, 2 wrong usage or a file that cannot be written, 3 a solve failed or memory is short. */
 #include "system.h"
 
 #define SB_IMPLEMENTATION
 #include "softbody.h"
 
+#include "crack_plane.h"
 #include "options.h"
 #include "plot.h"
 
@@ -31,7 +36,8 @@ static const double beam_length = 0.2, beam_width = 0.03, beam_height = 0.06; /*
 static const double cut_at = 0.1, cut_to = 0.03;                              /* x, z of the front (m) */
 static const double stretch_by = 0.002;                                       /* m */
 static const double plate_height = 2, crack_length = 0.5;                     /* of the plate's width */
-enum { USAGE = 2, FAILED = 3, SERIES = 6, SIZES = 3, VALUES = 3, MOST_PATH = 900 };
+static const double crack_energy = 1.388;                                     /* per E = traction = width = 1 */
+enum { USAGE = 2, FAILED = 3, SERIES = 6, SIZES = 3, VALUES = 3, CRACKS = 5, MOST_PATH = 900 };
 
 static const char *const value_names[VALUES] = {"sag", "opening", "force"};
 static const double references[VALUES] = {34.7, 6.09, 3.79}; /* mm, mm, N */
@@ -41,7 +47,7 @@ typedef enum cut_kind { CONFORMING = 0, LAG = 1, GLUE = 2 } cut_kind;
 
 typedef struct settings {
     const char *out;
-    int quick, lattice, help;
+    int quick, lattice, branch, help;
 } settings;
 
 /* A curve: one way to cut, of one element. */
@@ -57,6 +63,15 @@ typedef struct series {
     double plate_nodes[SIZES], plate_cells[SIZES];      /* cells: across */
     double intensities[SIZES], intensity_errors[SIZES]; /* of the sharp one; percent */
 } series;
+
+/* A curve of the plate in the plane: one way to take the crack. */
+typedef struct crack_series {
+    const char *name;
+    crack_kind kind;
+    double reach; /* of branch functions, beside those of the triangle at the tip */
+    int count;
+    double cells[SIZES], unknowns[SIZES], energies[SIZES], errors[SIZES]; /* errors: percent */
+} crack_series;
 
 /* Where a body is cut: a plane across one axis, on one side of its front. */
 typedef struct cut_place {
@@ -427,6 +442,106 @@ static int measure_plate(const settings *set, series *of, int size)
     return 0;
 }
 
+/* ---- branch functions ------------------------------------------------------------------------------------------- */
+
+static void name_cracks(crack_series cracks[CRACKS])
+{
+    static const char *const names[CRACKS] = {"by hand", "jumps alone", "branch at the tip", "branch within 0.1",
+                                              "branch within 0.2"};
+    static const double reaches[CRACKS] = {0, 0, 0, 0.1, 0.2};
+    memset(cracks, 0, CRACKS * sizeof *cracks);
+    for (int c = 0; c < CRACKS; c++) {
+        cracks[c].name = names[c];
+        cracks[c].kind = c == 0 ? CRACK_BY_HAND : c == 1 ? CRACK_HEAVISIDE : CRACK_BRANCH;
+        cracks[c].reach = reaches[c];
+    }
+}
+
+static int measure_cracks(const settings *set, crack_series cracks[CRACKS])
+{
+    static const int by_hand[SIZES] = {10, 20, 40}, through[SIZES] = {11, 21, 41};
+    int sizes = set->quick ? 2 : SIZES;
+    for (crack_series *of = cracks; of < cracks + CRACKS; of++)
+        for (int k = 0; k < sizes; k++) {
+            crack_plane plate = {of->kind, 0, crack_length, of->reach};
+            crack_plane_result found;
+            plate.cells = of->kind == CRACK_BY_HAND ? by_hand[k] : through[k];
+            if (!crack_plane_solve(&plate, &found))
+                return complain("the plate in the plane", "no memory", FAILED);
+            of->cells[k] = plate.cells;
+            of->unknowns[k] = found.unknowns;
+            of->energies[k] = found.energy;
+            of->errors[k] = 100 * fabs(found.energy / crack_energy - 1);
+            of->count = k + 1;
+        }
+    return 0;
+}
+
+static double crack_order(const crack_series *of)
+{
+    int last = of->count - 1;
+    return log(of->errors[0] / of->errors[last]) / log(of->cells[last] / of->cells[0]);
+}
+
+static void print_cracks(const crack_series cracks[CRACKS])
+{
+    printf("crack in the plane cells unknowns   energy    error\n");
+    for (const crack_series *of = cracks; of < cracks + CRACKS; of++) {
+        for (int k = 0; k < of->count; k++)
+            printf("%-18s %5.0f  %7.0f  %7.4f %6.2f %%\n", k ? "" : of->name, of->cells[k], of->unknowns[k],
+                   of->energies[k], of->errors[k]);
+        printf("%-18s order            %14.2f\n", "", crack_order(of));
+    }
+}
+
+static int write_cracks(const settings *set, const crack_series cracks[CRACKS])
+{
+    char path[MOST_PATH + 32];
+    sb_output out;
+    snprintf(path, sizeof path, "%s_branch.csv", set->out);
+    if (sb_output_open(&out, path, NULL) != SB_OK)
+        return complain(path, "cannot be written", USAGE);
+    fprintf(out.file, "crack,cells,unknowns,energy,error\n");
+    for (const crack_series *of = cracks; of < cracks + CRACKS; of++)
+        for (int k = 0; k < of->count; k++)
+            fprintf(out.file, "%s,%.0f,%.0f,%.6f,%.5f\n", of->name, of->cells[k], of->unknowns[k], of->energies[k],
+                    of->errors[k] / 100);
+    return sb_output_close(&out, NULL) == SB_OK ? 0 : complain(path, "cannot be written", USAGE);
+}
+
+static int draw_cracks(const settings *set, const crack_series cracks[CRACKS])
+{
+    char path[MOST_PATH + 32];
+    plot p;
+    plot_begin(&p, "An edge-cracked plate, linear triangles: branch functions at the front");
+    for (int over_unknowns = 0; over_unknowns < 2; over_unknowns++) {
+        plot_panel *panel = plot_add_panel(&p, "energy of the crack", over_unknowns ? "unknowns" : "cells across",
+                                           "relative error (%)");
+        panel->log_x = panel->log_y = 1;
+        for (const crack_series *of = cracks; of < cracks + CRACKS; of++) {
+            plot_curve *curve =
+                plot_add_curve(panel, of->name, over_unknowns ? of->unknowns : of->cells, of->errors, of->count);
+            curve->markers = 1;
+            curve->dashed = of->kind == CRACK_BY_HAND;
+        }
+    }
+    snprintf(path, sizeof path, "%s_branch.svg", set->out);
+    return plot_save_svg(&p, path) ? 0 : complain(path, "cannot be written", USAGE);
+}
+
+static int study_cracks(const settings *set)
+{
+    crack_series cracks[CRACKS];
+    int status;
+    name_cracks(cracks);
+    status = measure_cracks(set, cracks);
+    if (status)
+        return status;
+    print_cracks(cracks);
+    status = write_cracks(set, cracks);
+    return status ? status : draw_cracks(set, cracks);
+}
+
 /* Power of h by which an error falls from the coarsest mesh to the finest. */
 static double order(const series *of, int value)
 {
@@ -561,9 +676,12 @@ static int run_all(const settings *set)
         status = write_plate(set, curves);
     if (!status)
         status = draw_chart(set, curves);
+    printf("\n");
+    if (!status)
+        status = study_cracks(set);
     if (status)
         return status;
-    printf("written     %s.csv, %s.svg\n", set->out, set->out);
+    printf("written     %s.csv, %s.svg, %s_branch.csv, %s_branch.svg\n", set->out, set->out, set->out, set->out);
     for (int v = 0; v < VALUES; v++)
         printf("%s_order=%.2f ", value_names[v], order(curves + 5, v));
     printf("sag_mm=%.3f opening_mm=%.3f force_N=%.3f intensity=%.4f\n", curves[5].values[0][last],
@@ -574,10 +692,13 @@ static int run_all(const settings *set)
 
 static int program(int argc, char **argv)
 {
-    settings s = {program_name, 0, 2, 0};
+    settings s = {program_name, 0, 2, 0, 0};
     option options[] = {
-        {"-o", "NAME", OPTION_TEXT, NULL, NULL, &s.out, 0, 0, "files are NAME.csv, NAME_plate.csv, NAME.svg"},
+        {"-o", "NAME", OPTION_TEXT, NULL, NULL, &s.out, 0, 0,
+         "files are NAME.csv, NAME_plate.csv, NAME.svg, NAME_branch.csv, NAME_branch.svg"},
         {"--quick", NULL, OPTION_FLAG, &s.quick, NULL, NULL, 0, 0, "two sizes of each in place of three: seconds"},
+        {"--branch", NULL, OPTION_FLAG, &s.branch, NULL, NULL, 0, 0,
+         "only branch functions at the front of a crack: a second"},
         {"--lattice", "M", OPTION_INTEGER, &s.lattice, NULL, NULL, 1, 4,
          "places along an element's edge that are cut apart: 1, 2 or 4"},
         {"--help", NULL, OPTION_FLAG, &s.help, NULL, NULL, 0, 0, "this text"},
@@ -587,11 +708,10 @@ static int program(int argc, char **argv)
     if (!options_parse(program_name, options, OPTIONS, NULL, 0, argc, argv))
         return USAGE;
     if (s.help) {
-        printf(
-            "usage: cut_study [OPTIONS]\n\n"
-            "A beam that is cut to half of its height, by hand between elements and through them: errors of its\n"
-            "sag, of how the cut opens and of the force that stretches it, over the number of nodes; and the stress\n"
-            "intensity of a plate with a crack.\n\n");
+        printf("usage: cut_study [OPTIONS]\n\n"
+               "A beam that is cut to half of its height, by hand between elements and through them: errors of its\n"
+               "sag, of how the cut opens and of the force that stretches it, over the number of nodes; the stress\n"
+               "intensity of a plate with a crack; and its energy by X-FEM with branch functions.\n\n");
         options_print(options, OPTIONS);
         printf("\nThe last line, of tet10 with a glued front: orders of the errors in h, and the values of the finest "
                "mesh.\n");
@@ -601,7 +721,7 @@ static int program(int argc, char **argv)
         return options_complain(program_name, "-o", "needs a shorter name") ? 0 : USAGE;
     if (s.lattice == 3)
         return options_complain(program_name, "--lattice", "needs 1, 2 or 4") ? 0 : USAGE;
-    return run_all(&s);
+    return s.branch ? study_cracks(&s) : run_all(&s);
 }
 
 int main(int argc, char **argv) { return finish(program_name, program(argc, argv), USAGE); }

@@ -1007,6 +1007,17 @@ long check "the plate's stress intensity: glued within 2 %, a lag that shows" aw
     $1 == "tet10 lag" && $2 == 11 { m++; if ($5 < 0.05) bad = 1 }
     END { exit !(n == 2 && m == 1 && !bad) }' cuts_plate.csv
 long check "a chart of four panels" eval '[ "$(grep -c "relative error" cuts.svg)" = 4 ]'
+expect 0 '^branch within 0.2' cut_study --branch -o front
+check "a chart of branch functions" grep -q '</svg>' front_branch.svg
+# Against figures of another program: errors in percent of 21 and 41 cells (20 and 40 by hand), each to 1.
+check "branch functions, jumps alone and a mesh made for the crack have the errors that they should" awk -F, '
+    BEGIN { split("15.5 8 26 14 7.2 3.7 4.7 1.5 3.3 0.9", known, " ") }
+    NR > 1 && $2 >= 20 { n++; off = 100 * $5 - known[n]; if (off > 1 || off < -1) bad = 1 } END { exit !(n == 10 && !bad) }' front_branch.csv
+check "at the tip they halve the error of a mesh made for the crack, within a reach they mend its order" awk -F, '
+    $1 == "by hand" { hand[++h] = $5 } $1 == "branch at the tip" && $5 > 0.56 * hand[++t] { bad = 1 }
+    $1 == "branch within 0.2" { if (cells) order = log($5 / last) / log($2 / cells); last = $5; cells = $2 }
+    END { exit !(h == 3 && t == 3 && !bad && order < -1.8) }' front_branch.csv
+expect 2 'no-such-folder/x_branch.csv: cannot be written' cut_study --branch -o no-such-folder/x
 expect 0 '^usage: cut_study' cut_study --help
 expect 2 '--lattice needs 1, 2 or 4' cut_study --lattice 3
 expect 2 'is one word too many' cut_study beam.vtk
