@@ -55,7 +55,10 @@ TESTS = $(wildcard tests/test_*.c)
 TEST_UNITS = $(TESTS) tests/main.c tests/implementation.c
 # Programs for devices need an SDK; tests build them against names of our own in tests/stubs.
 ADAPTERS = examples/haptic_openhaptics.c examples/haptic_chai3d.cpp
-EXAMPLES = $(filter-out $(ADAPTERS),$(wildcard examples/*.c))
+# One has a window, of a library from the system's packages; without it the viewer is left out.
+SDL_CFLAGS := $(shell sdl2-config --cflags 2>/dev/null)
+VIEWER = examples/viewer.c
+EXAMPLES = $(filter-out $(ADAPTERS) $(VIEWER),$(wildcard examples/*.c))
 BENCHES = $(wildcard tests/bench/*.c)
 FUZZERS = tests/fuzz/fuzz.c
 
@@ -108,11 +111,21 @@ examples: $(EXAMPLES:examples/%.c=build/%)
 build/%: examples/%.c $(HEADERS) $(wildcard examples/*.h) build/flags $(LIBRARY)
 	$(call PROGRAM,$(EXAMPLE_CFLAGS) -I.)
 
+build/viewer: examples/viewer.c $(HEADERS) $(wildcard examples/*.h) build/flags
+	@sdl2-config --version >/dev/null || { echo 'viewer needs SDL 2: libsdl2-dev, or sdl2 by brew or vcpkg'; false; }
+	$(CC) $(EXAMPLE_CFLAGS) -I. $(SDL_CFLAGS) $< $$(sdl2-config --libs) -lm -o $@
+
 # What tests run of them: linked with the implementation that the tests have.
 PROGRAMS = $(EXAMPLES:examples/%.c=build/programs/%)
 build/programs/%: examples/%.c $(wildcard examples/*.h) build/double/implementation.o
 	@mkdir -p $(@D)
 	$(WITHOUT_IMPLEMENTATION) $< | $(CC) $(OTHER_CFLAGS) -I. -I$(<D) -x c - -x none build/double/implementation.o -lm -o $@
+
+PROGRAMS += $(if $(SDL_CFLAGS),build/programs/viewer)
+build/programs/viewer: examples/viewer.c $(wildcard examples/*.h) build/double/implementation.o
+	@mkdir -p $(@D)
+	$(WITHOUT_IMPLEMENTATION) $< | $(CC) $(OTHER_CFLAGS) $(C_WARNINGS) -Werror -I. -I$(<D) $(SDL_CFLAGS) -x c - -x none \
+	    build/double/implementation.o $$(sdl2-config --libs) -lm -o $@
 
 STUBS = $(shell find tests/stubs -name '*.h')
 PROGRAMS += $(patsubst examples/%,build/programs/%,$(basename $(ADAPTERS)))

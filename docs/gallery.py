@@ -10,7 +10,7 @@ import tempfile
 
 from PIL import Image
 
-SIZE, COLOURS = (640, 480), 96
+SIZE, COLOURS = (640, 480), 224
 HERE = pathlib.Path(__file__).parent
 
 

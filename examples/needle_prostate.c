@@ -210,22 +210,6 @@ static int copy_tissue(const work *w, tissue_copy *copy)
     return good;
 }
 
-/* Removes the tets that have a node before the plane y = `front`; their nodes stay. */
-static void cut_copy(tissue_copy *copy, sb_real front)
-{
-    sb_mesh *mesh = &copy->mesh;
-    int kept = 0;
-    for (int e = 0; e < mesh->element_count; e++) {
-        const int *n = mesh->elements + 4 * (size_t)e;
-        if (mesh->nodes[n[0]].y < front || mesh->nodes[n[1]].y < front || mesh->nodes[n[2]].y < front ||
-            mesh->nodes[n[3]].y < front)
-            continue;
-        memmove(mesh->elements + 4 * (size_t)kept, n, 4 * sizeof *n);
-        mesh->regions[kept++] = mesh->regions[e];
-    }
-    mesh->element_count = kept;
-}
-
 static int write_tissue(work *w, int frame)
 {
     char path[PATH_SIZE], ending[32];
@@ -335,40 +319,66 @@ static void draw_needle(const work *w, picture *p)
         picture_add_capsule(p, x[i], x[i + 1], 0.0008, picture_web(0x2f6f9f)); /* twice as thick as it is */
 }
 
-/* The boundary of the tets of the prostate, in one colour, or of all others, coloured by displacement (mm). 0: no
- * memory. */
-static int draw_part(const work *w, picture *p, const tissue_copy *copy, int prostate, double limit)
+/* The tets of the prostate, or all others, as a mesh that borrows the nodes; its elements are the caller's to free. */
+static sb_mesh part_of(const work *w, const tissue_copy *copy, int prostate)
 {
     sb_mesh part = copy->mesh;
-    sb_boundary boundary;
-    sb_real *values = NULL;
-    int *kept = (int *)malloc(4 * (size_t)(part.element_count + 1) * sizeof *kept), first = p->count, drawn = 0;
     part.regions = NULL;
-    part.elements = kept;
+    part.elements = (int *)malloc(4 * (size_t)(part.element_count + 1) * sizeof *part.elements);
     part.element_count = 0;
-    for (int e = 0; kept && e < copy->mesh.element_count; e++)
+    for (int e = 0; part.elements && e < copy->mesh.element_count; e++)
         if ((copy->mesh.regions[e] == w->body.prostate) == prostate)
-            memcpy(kept + 4 * (size_t)part.element_count++, copy->mesh.elements + 4 * (size_t)e, 4 * sizeof *kept);
-    if (kept && part.element_count == 0) {
-        free(kept);
-        return 1;
-    }
-    if (kept && sb_mesh_boundary(&part, 1, NULL, &boundary, NULL) == SB_OK) {
-        values = (sb_real *)malloc((size_t)boundary.surface.node_count * sizeof *values);
-        for (int i = 0; values && i < boundary.surface.node_count; i++)
-            values[i] = 1000 * sb_v3_norm(copy->displacement[boundary.nodes[i]]);
-        if (values)
-            picture_add_surface(p, &boundary.surface, values, 0, limit);
-        for (int i = first; i < p->count && prostate; i++) {
-            p->triangles[i].is_plain = 1;
-            p->triangles[i].colour = picture_web(0x8fb8b0);
-        }
-        drawn = values != NULL;
+            memcpy(part.elements + 4 * (size_t)part.element_count++, copy->mesh.elements + 4 * (size_t)e,
+                   4 * sizeof *part.elements);
+    return part;
+}
+
+/* Surface and section of the prostate, in one colour, or of all else, coloured by displacement (mm). 0: no memory. */
+static int draw_part(const work *w, picture *p, const tissue_copy *copy, int prostate, double limit,
+                     picture_plane plane)
+{
+    sb_mesh part = part_of(w, copy, prostate);
+    size_t nodes = (size_t)part.node_count;
+    sb_real *moved = (sb_real *)malloc(2 * (nodes + 1) * sizeof *moved), *on_skin = moved + nodes; /* mm */
+    sb_boundary boundary;
+    int first = p->count, drawn = part.elements && moved && part.element_count == 0;
+    for (size_t i = 0; moved && i < nodes; i++)
+        moved[i] = 1000 * sb_v3_norm(copy->displacement[i]);
+    if (part.elements && moved && part.element_count && sb_mesh_boundary(&part, 1, NULL, &boundary, NULL) == SB_OK) {
+        for (int i = 0; i < boundary.surface.node_count; i++)
+            on_skin[i] = moved[boundary.nodes[i]];
+        picture_add_surface(p, &boundary.surface, on_skin, 0, limit);
+        picture_clip(p, first, plane);
+        picture_add_section(p, &part, moved, 0, limit, plane);
         sb_boundary_free(&boundary);
+        drawn = 1;
     }
-    free(values);
-    free(kept);
+    for (int i = first; i < p->count && prostate; i++) {
+        p->triangles[i].is_plain = 1;
+        p->triangles[i].colour = picture_web(0x8fb8b0);
+    }
+    free(moved);
+    free(part.elements);
     return drawn;
+}
+
+/* Where the tissue is cut open: upright, along the needle's base and tip, just behind all of it. */
+static picture_plane plane_behind(const ndl_needle *needle)
+{
+    const ndl_rod *rod = ndl_needle_rod(needle);
+    const sb_vec3 *x = ndl_rod_positions(rod);
+    sb_vec3 along = sb_v3_sub(ndl_needle_tip(needle).position, x[0]);
+    picture_plane plane;
+    plane.normal = picture_v(-(double)along.y, (double)along.x, 0);
+    if (along.x < 0)
+        plane.normal = picture_madd(picture_v(0, 0, 0), -1, plane.normal);
+    if (picture_dot(plane.normal, plane.normal) == 0) /* an upright needle */
+        plane.normal.y = 1;
+    plane.normal = picture_unit(plane.normal);
+    plane.offset = picture_dot(plane.normal, picture_from(x[0]));
+    for (int i = 1; i < ndl_rod_node_count(rod); i++)
+        plane.offset = fmax(plane.offset, picture_dot(plane.normal, picture_from(x[i])));
+    return plane;
 }
 
 /* The phantom without what lies before the needle. */
@@ -378,17 +388,17 @@ static int draw_picture(work *w)
     char path[PATH_SIZE], details[160];
     tissue_copy copy;
     picture p;
-    sb_real most = 0, front = w->body.target.y - REAL(0.02) * (w->body.high.y - w->body.low.y);
+    picture_plane plane = plane_behind(w->body.needle);
+    sb_real most = 0;
     double limit;
     int good;
     if (!copy_tissue(w, &copy))
         return complain_memory();
-    cut_copy(&copy, front);
     for (int k = 0; k < 4 * copy.mesh.element_count; k++)
         most = sb_max(most, 1000 * sb_v3_norm(copy.displacement[copy.mesh.elements[k]]));
     limit = most > 0 ? ceil((double)most) : 1;
     picture_begin(&p, width, height);
-    good = draw_part(w, &p, &copy, 0, limit) && draw_part(w, &p, &copy, 1, limit);
+    good = draw_part(w, &p, &copy, 0, limit, plane) && draw_part(w, &p, &copy, 1, limit, plane);
     free_copy(&copy);
     draw_needle(w, &p);
     picture_render(&p, 14, 24);

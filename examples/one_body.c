@@ -1,29 +1,31 @@
-/* one_body: one organ from the scan to the needle and back: registered, held by a probe, pierced, cut, a flap of it
- * lifted, drawn, saved, recorded and played again.
+/* one_body: one organ from the scan to the needle and back: registered, held by a probe, pierced, cut across the
+ * needle, a flap of it lifted and held up by a retractor, drawn, saved, recorded and played again.
  *
  *     one_body [OPTIONS]              one_body --help lists the options
  *
  * An organ (a volume mesh of tet4, or one made here) is registered to a scan of its skin (a point cloud in the organ's
  * frame, or one made here: the organ is pressed from below, and a camera above it sees a part of it with noise). Loads
  * on its skin are found that give it that shape, and stay. A round probe comes down beside the needle's way and presses
- * on the organ. A needle goes in to a target that has moved with the organ, and waits. Beside it a blade cuts the organ
- * open, and a grasper lifts the flap; then the needle is drawn out of what is cut. Half way in, the state is saved and
- * loaded into a second scene, which must come to the same bits with the flap lifted. All that is done to the body is
- * recorded, and must come to the same bits when it is played on a third. The organ's fine skin is cut along and drawn
- * where the flap is highest, closed by the lips of the cut. Writes PREFIX.png (a look into the organ), PREFIX.state,
- * PREFIX.record and PREFIX.csv (what the hand, the probe and the grasper feel, tip and target after each step). The
- * last line is
+ * on the organ. A needle goes in to a target that has moved with the organ, and waits. From beside it a blade cuts
+ * aslant into the organ, across the needle, which goes through the flap and what is under it from then on. A grasper
+ * lifts the edge of the flap, a retractor comes under it and holds it up when the grasper lets go; then the needle is
+ * drawn out of both. Half way in, the state is saved and loaded into a second scene, which must come to the same bits
+ * with the flap on the retractor. All that is done to the body is recorded, and must come to the same bits when it is
+ * played on a third. The organ's fine skin is cut along and drawn with the flap on the retractor, closed by the lips of
+ * the cut. Writes PREFIX.png (a look into the organ), PREFIX.state, PREFIX.record and PREFIX.csv (what the hand, the
+ * probe, the grasper and the retractor feel, tip and target after each step). The last line is
  *
- *     registered_mm=... truth_mm=... target_mm=... probe_N=... opened_mm2=... flap_N=... open_edges=...
- *     continued=same|differs replayed=same|differs needle=out|in seconds=...
+ *     registered_mm=... truth_mm=... target_mm=... probe_N=... opened_mm2=... flap_N=... held_N=... gap_mm=...
+ *     open_edges=... continued=same|differs replayed=same|differs needle=out|in seconds=...
  *
  * (one line; truth_mm, the mean error of all nodes, only of a scan made here). registered_mm: mean distance of the scan
  * from the organ's fine skin; target_mm: how far from its target the tip came to rest; probe_N: what the probe presses
- * with there; opened_mm2: area of the cut; flap_N: what the grasper carries at last; open_edges: of the fine skin
- * that is cut, 0 of a closed one. Exit status: 0, 1 something
- * differs or the needle is not out at the end, 2 wrong usage or a file that cannot be read or written, 3 no memory, no
- * registration, or a step failed, 4 all of it was done, but a result is not to be trusted: the tip came to rest farther
- * than --miss from its target, or the probe presses with less than half of --press or more than twice as much. What
+ * with there; opened_mm2: area of the cut; flap_N: what the grasper carries before it lets go; held_N: what the
+ * retractor bears when it has; gap_mm: how far the needle's way has come apart where the cut crosses it; open_edges: of
+ * the fine skin that is cut, 0 of a closed one. Exit status: 0, 1 something differs or the needle is not out at the
+ * end, 2 wrong usage or a file that cannot be read or written, 3 no memory, no registration, or a step failed, 4 all of
+ * it was done, but a result is not to be trusted: the tip came to rest farther than --miss from its target, the probe
+ * presses with less than half of --press or more than twice as much, or the flap does not lie on the retractor. What
  * this is said of, is said to stderr. */
 #include "system.h"
 
@@ -50,10 +52,16 @@ static const double SLEEVE = 0.080, STANDOFF = 0.035; /* m before the skin at re
 static const double APPROACH = 1, REST = 0.5;         /* s: the sleeve goes to its place; the needle waits */
 static const double PROBE = 0.008, ASIDE = 0.025;     /* m: the probe's radius; from the needle's way */
 static const double DESCENT = 0.05, CREEP = 0.005;    /* m/s of the probe: through the air; while it presses */
-static const double BESIDE = 0.012, WIDTH = 0.024;    /* m: the cut from the needle; its length */
-static const double ABOVE = 0.006, BELOW = 0.012; /* m over the skin, where the blade begins; under it, where it ends */
-static const double CUTTING = 0.6, LIFTING = 0.5; /* s: the blade goes down; the flap goes up */
-static const double GRIP = 0.010, LIFT = 0.005;   /* m from the cut to the grasper; as far it lifts */
+static const double BESIDE = 0.030, WIDTH = 0.050;    /* m: the cut's mouth from the needle; its length */
+static const double BEYOND = 0.010, BELOW = 0.016;    /* m: its end, on the needle's other side; under the skin */
+static const double OUTSIDE = 0.4;                    /* of the blade's way lies before the skin */
+static const double CUTTING = 0.6, LIFTING = 0.5;     /* s: the blade goes in; the flap goes up */
+static const double GRIP = 0.008,
+                    ROOM = 0.010; /* m from the mouth to the grasper; it lifts the retractor's height and this */
+static const double RETRACTOR = 0.005, BROAD = 0.020; /* m: the retractor's radius; its length */
+static const double UNDER = 0.75;                     /* of the way from the mouth to the needle: where it stays */
+static const double CLEAR = 0.002, RISE = 0.006;      /* m from the blade's way while it goes in; it rises then */
+static const double SLIDING = 1.0, SETTLING = 0.6;    /* s: it goes in; the grasper has let go */
 
 typedef struct settings {
     const char *mesh, *skin, *scan, *prefix;
@@ -63,17 +71,22 @@ typedef struct settings {
 
 enum { MOST_GRIPPED = 64 };
 
-/* A body with a needle before it, a probe above it and what cuts it, and where in it target and entry are. */
+/* What is marked in the organ: the target, where the needle goes in, and its way on both sides of the cut. */
+typedef enum place { TARGET = 0, ENTRY = 1, OVER_CUT = 2, UNDER_CUT = 3, PLACES = 4 } place;
+
+/* A body with a needle before it, a probe above it, what cuts it and holds it open, and what is marked in it. */
 typedef struct scene {
     sb_body *body;
     ndl_needle *needle;
     sb_contact *contact;
-    int probe; /* its tool */
+    int probe, retractor; /* its tools */
+    double thickness;     /* m: the retractor's radius */
     sb_cut *cut;
-    int stroke;          /* of the blade; -1: none */
-    double opened;       /* m^2 */
-    sb_embedding *marks; /* the target, and where the needle goes in: they keep their material when it is cut */
-    sb_vec3 skin;        /* m: where that is when the blade begins */
+    sb_cut_surface *surface;            /* skin and lips: what the tools touch */
+    int stroke;                         /* of the blade; -1: none */
+    double opened;                      /* m^2 */
+    sb_embedding *marks;                /* places: they keep their material when it is cut */
+    sb_vec3 skin;                       /* m: where the entry is when the blade begins */
     int grip[MOST_GRIPPED], grip_count; /* nodes that the grasper holds */
     sb_vec3 grip_at[MOST_GRIPPED];      /* m: where they were when it closed */
 } scene;
@@ -83,22 +96,24 @@ typedef struct work {
     sb_mesh organ, skin;   /* of tets; its fine surface */
     int *held, held_count; /* nodes that do not move */
     reg_cloud scan;
-    sb_vec3 *truth;            /* displacements of the nodes when the scan was made here (m), or NULL */
-    sb_vec3 target, direction; /* m in the organ at rest; unit vector of the needle */
-    sb_vec3 entry;             /* m, on the skin at rest */
+    sb_vec3 *truth;                /* displacements of the nodes when the scan was made here (m), or NULL */
+    sb_vec3 target, direction;     /* m in the organ at rest; unit vector of the needle */
+    sb_vec3 entry;                 /* m, on the skin at rest */
+    sb_vec3 outward, aside, along; /* unit: out of the skin there, to the cut's mouth, and along that */
     scene main, second, third;
     sb_embedding *embedding; /* of the fine skin; follows the first scene */
     sb_recording *recording;
     sb_output csv;  /* csv.file is NULL: none is open */
     sb_vec3 offset; /* m from the sleeve's first place to that before the target */
     int approach_steps, insert_steps, rest_steps, retract_steps, save_step; /* of the needle */
-    int cut_steps, lift_steps;                                              /* between rest and retract */
-    uint64_t reached;                                                       /* hash of the body with the flap lifted */
+    int cut_steps, lift_steps, slide_steps, settle_steps;                   /* between rest and retract */
+    uint64_t reached; /* hash of the body with the flap on the retractor */
     sb_vec3 reached_tip;
     double registered, wrong, missed; /* m */
     double pressed;                   /* N, by the probe at the target */
-    double opened, carried;           /* m^2; N, by the grasper */
-    int open_edges;                   /* of the fine skin with the flap lifted */
+    double opened, carried, borne;    /* m^2; N, by the grasper; by the retractor */
+    double gap;                       /* m, in the needle's way */
+    int open_edges;                   /* of the fine skin with the flap on the retractor */
     int continued, replayed, out;
 } work;
 
@@ -237,6 +252,24 @@ static sb_vec3 choose_target(const work *w, const sb_surface *skin, double size)
     return best;
 }
 
+/* Which way the skin looks about the entry, over as much of it as the flap has; the mouth of the cut lies to the side
+ * of x of it. */
+static void find_directions(work *w)
+{
+    sb_vec3 sum = {0, 0, 0}, side;
+    for (int f = 0; f < w->skin.element_count; f++) {
+        const int *n = w->skin.elements + 3 * (size_t)f;
+        sb_vec3 a = w->skin.nodes[n[0]], b = w->skin.nodes[n[1]], c = w->skin.nodes[n[2]];
+        if ((double)sb_v3_norm(sb_v3_sub(a, w->entry)) < BESIDE)
+            sum = sb_v3_add(sum, sb_v3_cross(sb_v3_sub(b, a), sb_v3_sub(c, a)));
+    }
+    w->outward = sb_v3_norm(sum) > 0 ? sb_v3_scale(1 / sb_v3_norm(sum), sum) : sb_v3(0, 0, 1);
+    side = fabs((double)w->outward.x) < 0.9 ? sb_v3(1, 0, 0) : sb_v3(0, 0, -1);
+    side = sb_v3_madd(side, -sb_v3_dot(side, w->outward), w->outward);
+    w->aside = sb_v3_scale(1 / sb_v3_norm(side), side);
+    w->along = sb_v3_cross(w->outward, w->aside);
+}
+
 /* A target, and a way to it from above that no edges of the mesh run along. */
 static int choose_way(work *w)
 {
@@ -259,6 +292,7 @@ static int choose_way(work *w)
     found = sb_surface_ray(skin, from, w->direction, SB_REAL_MAX, &hit);
     w->entry = hit.point;
     sb_surface_destroy(skin);
+    find_directions(w);
     return found ? 0 : complain(EXIT_USAGE, w->set->skin, "there is no skin above the target");
 }
 
@@ -289,15 +323,19 @@ static sb_result make_body(const work *w, sb_body **body, sb_error *error)
     return result == SB_OK ? sb_body_hold(*body, w->held, w->held_count, SB_XYZ, error) : result;
 }
 
-/* Marks the target and the entry in the scene's body. */
+/* Marks the places in the scene's body. */
 static sb_result mark_places(const work *w, scene *s, sb_error *error)
 {
     sb_embedding_def def = sb_default_embedding_def();
-    const sb_vec3 places[2] = {w->target, w->entry};
+    sb_vec3 places[PLACES];
     sb_result result;
+    places[TARGET] = w->target;
+    places[ENTRY] = w->entry;
+    places[OVER_CUT] = sb_v3_madd(w->entry, REAL(0.4 * BELOW), w->direction);
+    places[UNDER_CUT] = sb_v3_madd(w->entry, REAL(1.2 * BELOW), w->direction);
     def.mesh = &w->organ;
     def.points = places;
-    def.point_count = 2;
+    def.point_count = PLACES;
     result = sb_embedding_create(&def, &s->marks, error);
     return result == SB_OK ? sb_embedding_follow(s->marks, s->body, error) : result;
 }
@@ -306,7 +344,7 @@ static sb_result mark_places(const work *w, scene *s, sb_error *error)
 static int target_is_inside(const scene *s)
 {
     sb_embedded_point point;
-    return sb_embedding_get_point(s->marks, 0, &point) == SB_OK && point.hold == SB_EMBEDDED_INSIDE;
+    return sb_embedding_get_point(s->marks, TARGET, &point) == SB_OK && point.hold == SB_EMBEDDED_INSIDE;
 }
 
 /* The needle's sleeve stands off, clear of the organ wherever that goes. */
@@ -327,29 +365,65 @@ static sb_result make_needle(const work *w, scene *s, sb_error *error)
 /* The probe waits above the organ, beside the needle's way. */
 static sb_result make_probe(const work *w, scene *s, sb_error *error)
 {
-    sb_contact_def def = sb_default_contact_def();
     sb_tool_def probe = sb_default_tool_def();
     sb_vec3 low, high;
-    sb_result result;
     sb_mesh_bounds(&w->organ, &low, &high);
-    def.body = s->body;
     probe.radius = REAL(PROBE);
     probe.friction = REAL(0.2);
     probe.pose.position = sb_v3(w->entry.x, w->entry.y - REAL(ASIDE), high.z + REAL(STANDOFF));
-    result = sb_contact_create(&def, &s->contact, error);
-    return result == SB_OK ? sb_contact_add_tool(s->contact, &probe, &s->probe, error) : result;
+    return sb_contact_add_tool(s->contact, &probe, &s->probe, error);
 }
 
+static double longest_edge(const sb_mesh *mesh)
+{
+    double longest = 0;
+    for (int e = 0; e < mesh->element_count; e++)
+        for (int k = 0; k < 6; k++) {
+            const int *n = mesh->elements + 4 * (size_t)e;
+            int ends[3];
+            sb_element_edge(SB_TET4, k, ends);
+            longest = fmax(longest, (double)sb_v3_norm(sb_v3_sub(mesh->nodes[n[ends[0]]], mesh->nodes[n[ends[1]]])));
+        }
+    return longest;
+}
+
+/* The retractor, a round bar along the cut, waits above the organ on the cut's side of the needle. It is thicker where
+ * the organ's faces are too large to feel one so thin. */
+static sb_result make_retractor(const work *w, scene *s, sb_error *error)
+{
+    sb_tool_def bar = sb_default_tool_def();
+    sb_vec3 low, high, ends[2];
+    sb_mesh_bounds(&w->organ, &low, &high);
+    for (int k = 0; k < 2; k++)
+        ends[k] = sb_v3_scale(REAL((k - 0.5) * BROAD), w->along);
+    bar.shape = SB_TOOL_CAPSULES;
+    bar.points = ends;
+    bar.point_count = 2;
+    s->thickness = fmax(RETRACTOR, longest_edge(&w->organ) / 6);
+    bar.radius = REAL(s->thickness);
+    bar.friction = REAL(0.4);
+    bar.pose.position = sb_v3(w->entry.x + REAL(2 * BESIDE), w->entry.y, high.z + REAL(STANDOFF));
+    return sb_contact_add_tool(s->contact, &bar, &s->retractor, error);
+}
+
+/* What cuts, and the tools that touch the skin and the lips of cuts. */
 static sb_result make_cut(scene *s, sb_error *error)
 {
     sb_cut_def def = sb_default_cut_def();
+    sb_contact_def contact = sb_default_contact_def();
+    sb_result result;
     def.body = s->body;
     def.front = SB_CUT_GLUE; /* the cut opens with the blade, however coarse the mesh */
     s->stroke = -1;
-    return sb_cut_create(&def, &s->cut, error);
+    result = sb_cut_create(&def, &s->cut, error);
+    if (result == SB_OK)
+        result = sb_cut_surface_create(s->cut, NULL, &s->surface, error);
+    contact.body = s->body;
+    contact.skin = sb_cut_surface_skin(s->surface);
+    return result == SB_OK ? sb_contact_create(&contact, &s->contact, error) : result;
 }
 
-/* The same organ, needle, probe, blade and target each time. */
+/* The same organ, needle, blade, tools and places each time. */
 static int make_scene(const work *w, scene *s)
 {
     sb_error error;
@@ -361,33 +435,45 @@ static int make_scene(const work *w, scene *s)
     if (result == SB_OK)
         result = make_needle(w, s, &error);
     if (result == SB_OK)
+        result = make_cut(s, &error);
+    if (result == SB_OK)
         result = make_probe(w, s, &error);
     if (result == SB_OK)
-        result = make_cut(s, &error);
-    return result == SB_OK ? 0 : complain_of(EXIT_SOLVE, "the organ with needle, probe and blade", &error);
+        result = make_retractor(w, s, &error);
+    return result == SB_OK ? 0 : complain_of(EXIT_SOLVE, "the organ with needle, blade and tools", &error);
 }
 
 static void free_scene(scene *s)
 {
     sb_embedding_destroy(s->marks);
-    sb_cut_destroy(s->cut);
     sb_contact_destroy(s->contact);
+    sb_cut_surface_destroy(s->surface);
+    sb_cut_destroy(s->cut);
     ndl_needle_destroy(s->needle);
     sb_body_destroy(s->body);
 }
 
-/* Where target and entry are now (m); the second may be NULL. */
-static int find_places(const scene *s, sb_vec3 *target, sb_vec3 *entry)
+/* Where what is marked is now (m). */
+static int find_places(const scene *s, sb_vec3 places[PLACES])
 {
-    sb_vec3 places[2];
     sb_result result = sb_embedding_update(s->marks, sb_body_positions(s->body), places, NULL, NULL);
-    *target = places[0];
-    if (entry)
-        *entry = places[1];
     return result == SB_OK ? 0 : complain(EXIT_SOLVE, "the target", sb_result_string(result));
 }
 
-static int find_target(const scene *s, sb_vec3 *target) { return find_places(s, target, NULL); }
+static int find_target(const scene *s, sb_vec3 *target)
+{
+    sb_vec3 places[PLACES];
+    int status = find_places(s, places);
+    *target = places[TARGET];
+    return status;
+}
+
+/* From the mark over the cut to that under it (m). */
+static double distance_across(const scene *s)
+{
+    sb_vec3 places[PLACES];
+    return find_places(s, places) ? 0 : (double)sb_v3_norm(sb_v3_sub(places[OVER_CUT], places[UNDER_CUT]));
+}
 
 /* ---- the scan -------------------------------------------------------------------------------------------------- */
 
@@ -650,11 +736,14 @@ static void plan_way(work *w)
     w->save_step = w->approach_steps + (int)((STANDOFF + 0.5 * (way - STANDOFF)) / (SPEED * STEP));
     w->cut_steps = (int)(CUTTING / STEP);
     w->lift_steps = (int)(LIFTING / STEP);
+    w->slide_steps = (int)(SLIDING / STEP);
+    w->settle_steps = (int)(SETTLING / STEP);
 }
 
-/* Steps until the needle is at its deepest, and until the flap is lifted. */
+/* Steps until the needle is at its deepest, until the retractor is under the lifted flap, and until that lies on it. */
 static int steps_to_rest(const work *w) { return w->approach_steps + w->insert_steps + w->rest_steps; }
-static int steps_to_lifted(const work *w) { return steps_to_rest(w) + w->cut_steps + w->lift_steps; }
+static int steps_to_under(const work *w) { return steps_to_rest(w) + w->cut_steps + w->lift_steps + w->slide_steps; }
+static int steps_to_held(const work *w) { return steps_to_under(w) + w->settle_steps; }
 
 /* The needle is fed until its tip is beside the target, wherever the organ has carried that. */
 static ndl_command command_at(const work *w, const scene *s, sb_vec3 target, int step)
@@ -667,23 +756,30 @@ static ndl_command command_at(const work *w, const scene *s, sb_vec3 target, int
         command.velocity = sb_v3_scale(REAL(1 / (w->approach_steps * STEP)), w->offset);
     else if (step < w->approach_steps + w->insert_steps)
         command.insertion = REAL(fmax(0, fmin(SPEED, left / STEP)));
-    else if (step >= steps_to_lifted(w))
+    else if (step >= steps_to_held(w))
         command.insertion = REAL(-fmax(0, fmin(2 * SPEED, (fed + 0.005) / STEP)));
     return command;
 }
 
-/* What the probe is pushed up with (N). */
-static double feel_probe(const scene *s)
+/* What a tool is pushed with along a direction (N). */
+static double feel_tool(const scene *s, int tool, sb_vec3 direction)
 {
     sb_wrench wrench = {{0, 0, 0}, {0, 0, 0}};
-    (void)sb_contact_wrench(s->contact, s->probe, &wrench);
-    return (double)wrench.force.z + 0.0; /* not -0 */
+    (void)sb_contact_wrench(s->contact, tool, &wrench);
+    return (double)sb_v3_dot(wrench.force, direction) + 0.0; /* not -0 */
+}
+
+/* What the probe is pushed up with, and the retractor down into the organ (N). */
+static double feel_probe(const scene *s) { return feel_tool(s, s->probe, sb_v3(0, 0, 1)); }
+static double feel_retractor(const work *w, const scene *s)
+{
+    return feel_tool(s, s->retractor, sb_v3_scale(-1, w->outward));
 }
 
 /* The probe comes down until it presses as hard as it is to, stays there, and rises when the needle is drawn out. */
 static void move_probe(const work *w, const scene *s, int step)
 {
-    int rises = step >= steps_to_lifted(w);
+    int rises = step >= steps_to_held(w);
     double felt = feel_probe(s), speed = felt > 0 ? CREEP : DESCENT;
     sb_pose pose;
     (void)sb_contact_reached(s->contact, s->probe, &pose, NULL);
@@ -693,51 +789,67 @@ static void move_probe(const work *w, const scene *s, int step)
     (void)sb_contact_move_tool(s->contact, s->probe, &pose);
 }
 
-/* ---- the blade and the grasper --------------------------------------------------------------------------------- */
+/* ---- the blade, the grasper and the retractor ------------------------------------------------------------------- */
 
-/* The blade's edge after a share of its way down, beside the needle. */
-static void blade_at(const scene *s, double share, sb_vec3 edge[2])
+/* A place on the blade's way, which begins over the skin (share -OUTSIDE), goes in at the cut's mouth (0), crosses the
+ * needle and ends on its other side (1). */
+static sb_vec3 on_way(const work *w, const scene *s, double share)
 {
-    for (int k = 0; k < 2; k++)
-        edge[k] = sb_v3(s->skin.x + REAL(BESIDE), s->skin.y + REAL((k - 0.5) * WIDTH),
-                        s->skin.z + REAL(ABOVE - share * (ABOVE + BELOW)));
+    return sb_v3_madd(sb_v3_madd(s->skin, REAL(BESIDE - share * (BESIDE + BEYOND)), w->aside), REAL(-share * BELOW),
+                      w->outward);
 }
 
-static int begin_cut(scene *s)
+/* The blade's edge at a share of its whole way. */
+static void blade_at(const work *w, const scene *s, double share, sb_vec3 edge[2])
 {
-    sb_vec3 target, edge[2];
+    for (int k = 0; k < 2; k++)
+        edge[k] = sb_v3_madd(on_way(w, s, -OUTSIDE + share * (1 + OUTSIDE)), REAL((k - 0.5) * WIDTH), w->along);
+}
+
+static int begin_cut(const work *w, scene *s)
+{
+    sb_vec3 places[PLACES], edge[2];
     sb_error error;
-    int status = find_places(s, &target, &s->skin);
+    int status = find_places(s, places);
     if (status)
         return status;
-    blade_at(s, 0, edge);
+    s->skin = places[ENTRY];
+    blade_at(w, s, 0, edge);
     return sb_cut_begin(s->cut, edge, 2, &s->stroke, &error) == SB_OK ? 0
                                                                       : complain_of(EXIT_SOLVE, "the blade", &error);
 }
 
-static int move_blade(scene *s, double share)
+static int move_blade(const work *w, scene *s, double share)
 {
     sb_vec3 edge[2];
     sb_cut_info info;
     sb_error error;
-    blade_at(s, share, edge);
+    blade_at(w, s, share, edge);
     if (sb_cut_move(s->cut, s->stroke, edge, &info, &error) != SB_OK)
         return complain_of(EXIT_SOLVE, "the blade", &error);
     s->opened += (double)info.released_area;
     return 0;
 }
 
-/* The grasper closes on the nodes at the skin beyond the cut: three at least, and those that are not much farther. */
-static void close_grasper(scene *s)
+/* 1: a place lies over the blade's way. */
+static int is_over_way(const work *w, const scene *s, sb_vec3 x)
 {
-    sb_vec3 at = sb_v3_add(s->skin, sb_v3(REAL(BESIDE + GRIP), 0, 0));
+    sb_vec3 from = sb_v3_sub(x, on_way(w, s, 0));
+    return (double)sb_v3_dot(from, w->outward) * (BESIDE + BEYOND) > (double)sb_v3_dot(from, w->aside) * BELOW;
+}
+
+/* The grasper closes on nodes of the flap at its edge: three at least, and those that are not much farther. A number
+ * that the mesh has means the material that was there; copies that the cut made belong to the other side. */
+static void close_grasper(const work *w, scene *s)
+{
+    sb_vec3 at = sb_v3_madd(on_way(w, s, 0), REAL(-GRIP), w->aside);
     const sb_vec3 *x = sb_body_positions(s->body);
     sb_cut_end(s->cut, s->stroke);
     s->stroke = -1;
     for (double radius = 0.004; s->grip_count < 3; radius *= 1.3) {
         s->grip_count = 0;
-        for (int i = 0; i < sb_body_node_count(s->body) && s->grip_count < MOST_GRIPPED; i++)
-            if (sb_body_node_in_use(s->body, i) && x[i].x > s->skin.x + REAL(BESIDE) &&
+        for (int i = 0; i < w->organ.node_count && s->grip_count < MOST_GRIPPED; i++)
+            if (sb_body_node_in_use(s->body, i) && is_over_way(w, s, x[i]) &&
                 (double)sb_v3_norm(sb_v3_sub(x[i], at)) < radius) {
                 s->grip[s->grip_count] = i;
                 s->grip_at[s->grip_count++] = x[i];
@@ -745,23 +857,58 @@ static void close_grasper(scene *s)
     }
 }
 
-static int lift_flap(scene *s, double share)
+static int lift_flap(const work *w, scene *s, double share)
 {
     sb_error error;
     for (int k = 0; k < s->grip_count; k++) {
-        sb_vec3 to = sb_v3_add(s->grip_at[k], sb_v3(0, 0, REAL(share * LIFT)));
+        sb_vec3 to = sb_v3_madd(s->grip_at[k], REAL(share * (2 * s->thickness + ROOM)), w->outward);
         if (sb_body_place(s->body, s->grip + k, 1, SB_XYZ, &to, &error) != SB_OK)
             return complain_of(EXIT_SOLVE, "the grasper", &error);
     }
     return 0;
 }
 
+static int open_grasper(scene *s)
+{
+    sb_error error;
+    if (sb_body_release(s->body, s->grip, s->grip_count, SB_XYZ, &error) != SB_OK)
+        return complain_of(EXIT_SOLVE, "the grasper", &error);
+    s->grip_count = 0;
+    return 0;
+}
+
+/* Where the retractor is sent to: before the cut's mouth, `in` of the way in to its place under the flap, `up` of the
+ * height that it rises by there. */
+static sb_vec3 retractor_at(const work *w, const scene *s, double in, double up)
+{
+    double before = -1.8 * OUTSIDE, under = UNDER * BESIDE / (BESIDE + BEYOND);
+    return sb_v3_madd(on_way(w, s, before + in * (under - before)), REAL(s->thickness + CLEAR + up * RISE), w->outward);
+}
+
+/* While the flap is lifted the retractor comes down before the cut's mouth; then it goes in, and rises where the
+ * grasper lets go. */
+static void move_retractor(const work *w, const scene *s, int step)
+{
+    int lift = step - steps_to_rest(w) - w->cut_steps, slide = lift - w->lift_steps, settle = slide - w->slide_steps;
+    sb_pose pose;
+    if (lift < 0)
+        return;
+    (void)sb_contact_reached(s->contact, s->retractor, &pose, NULL);
+    if (slide < 0)
+        pose.position = sb_v3_madd(pose.position, REAL(1.0 / (w->lift_steps - lift)),
+                                   sb_v3_sub(retractor_at(w, s, 0, 0), pose.position));
+    else
+        pose.position = retractor_at(w, s, fmin(1, (slide + 1.0) / w->slide_steps),
+                                     fmax(0, fmin(1, (settle + 1.0) / (0.5 * w->settle_steps))));
+    (void)sb_contact_move_tool(s->contact, s->retractor, &pose);
+}
+
 /* What the grasper carries (N). */
-static double feel_grasper(const scene *s)
+static double feel_grasper(const work *w, const scene *s)
 {
     double sum = 0;
     for (int k = 0; k < s->grip_count; k++)
-        sum += (double)sb_body_reactions(s->body)[s->grip[k]].z;
+        sum += (double)sb_v3_dot(sb_body_reactions(s->body)[s->grip[k]], w->outward);
     return sum;
 }
 
@@ -769,13 +916,16 @@ static int open_organ(const work *w, scene *s, int step)
 {
     int cut = step - steps_to_rest(w), lift = cut - w->cut_steps, status = 0;
     if (cut == 0)
-        status = begin_cut(s);
+        status = begin_cut(w, s);
     if (!status && cut >= 0 && lift < 0)
-        status = move_blade(s, (cut + 1.0) / w->cut_steps);
+        status = move_blade(w, s, (cut + 1.0) / w->cut_steps);
     if (lift == 0)
-        close_grasper(s);
+        close_grasper(w, s);
     if (!status && lift >= 0 && lift < w->lift_steps)
-        status = lift_flap(s, (lift + 1.0) / w->lift_steps);
+        status = lift_flap(w, s, (lift + 1.0) / w->lift_steps);
+    if (!status && step == steps_to_under(w))
+        status = open_grasper(s);
+    move_retractor(w, s, step);
     return status;
 }
 
@@ -787,10 +937,11 @@ static int note_step(work *w, int step)
     if (find_target(&w->main, &target))
         return EXIT_SOLVE;
     ndl_needle_base_wrench(w->main.needle, &force, NULL);
-    fprintf(w->csv.file, "%.6g,%.6g,%.6g,%.6g,%.6g,%.6g,%.6g,%.6g,%.6g,%.6g,%.6g,%.6g\n", (step + 1) * STEP,
-            -(double)sb_v3_dot(force, w->direction), feel_probe(&w->main), 1e6 * w->main.opened, feel_grasper(&w->main),
-            1e3 * (double)ndl_needle_depth(w->main.needle), 1e3 * (double)tip.x, 1e3 * (double)tip.y,
-            1e3 * (double)tip.z, 1e3 * (double)target.x, 1e3 * (double)target.y, 1e3 * (double)target.z);
+    fprintf(w->csv.file, "%.6g,%.6g,%.6g,%.6g,%.6g,%.6g,%.6g,%.6g,%.6g,%.6g,%.6g,%.6g,%.6g\n", (step + 1) * STEP,
+            -(double)sb_v3_dot(force, w->direction), feel_probe(&w->main), 1e6 * w->main.opened,
+            feel_grasper(w, &w->main), feel_retractor(w, &w->main), 1e3 * (double)ndl_needle_depth(w->main.needle),
+            1e3 * (double)tip.x, 1e3 * (double)tip.y, 1e3 * (double)tip.z, 1e3 * (double)target.x,
+            1e3 * (double)target.y, 1e3 * (double)target.z);
     return 0;
 }
 
@@ -815,7 +966,7 @@ static int make_step(const work *w, scene *s, int step)
 /* Makes the steps [from, to) of the first scene, and writes what happens. */
 static int make_steps(work *w, int from, int to, const char *words)
 {
-    int all = steps_to_lifted(w) + w->retract_steps, status = 0;
+    int all = steps_to_held(w) + w->retract_steps, status = 0;
     char bar[80];
     for (int i = from; i < to && !status; i++) {
         status = make_step(w, &w->main, i);
@@ -913,10 +1064,11 @@ static int draw_picture(work *w)
     char path[PATH_SIZE], text[160];
     double most;
     sb_vec3 target;
-    sb_pose probe;
+    sb_pose probe, bar;
     picture p;
     int result = PICTURE_NO_MEMORY;
     (void)sb_contact_reached(w->main.contact, w->main.probe, &probe, NULL);
+    (void)sb_contact_reached(w->main.contact, w->main.retractor, &bar, NULL);
     picture_begin(&p, width, height);
     if (draw_organ(w, &p, &most) && !find_target(&w->main, &target)) {
         for (int i = 0; i < w->scan.count; i += 7)
@@ -925,19 +1077,19 @@ static int draw_picture(work *w)
             picture_add_capsule(&p, x[i], x[i + 1], 0.0012, picture_web(i == 0 ? 0x3d4854 : 0x9aa5b1));
         picture_add_capsule(&p, target, target, 0.003, picture_web(0xd62728));
         picture_add_capsule(&p, probe.position, probe.position, PROBE, picture_web(0x9aa5b1));
-        for (int k = 0; k < w->main.grip_count; k++)
-            picture_add_capsule(&p, sb_body_positions(w->main.body)[w->main.grip[k]],
-                                sb_body_positions(w->main.body)[w->main.grip[k]], 0.0015, picture_web(0x3d4854));
+        picture_add_capsule(&p, sb_v3_madd(bar.position, REAL(-0.5 * BROAD), w->along),
+                            sb_v3_madd(bar.position, REAL(0.5 * BROAD), w->along), w->main.thickness,
+                            picture_web(0x3d4854));
         picture_render(&p, w->set->azimuth, w->set->elevation);
         picture_colour_bar(&p, "displacement", "mm", 0, most, most);
         picture_length_bar(&p);
         picture_text(&p, 0.06 * width, 0.075 * height, 22, PICTURE_LEFT, picture_ink(),
-                     "One body: registered, pressed, pierced, cut");
+                     "One body: registered, pressed, pierced, cut, held open");
         snprintf(text, sizeof text, "%.1f mm deep, %.2f mm from the target; %.0f mm^2 cut open",
                  1e3 * (double)ndl_needle_depth(w->main.needle), 1e3 * w->missed, 1e6 * w->main.opened);
         picture_text(&p, 0.06 * width, 0.115 * height, 14, PICTURE_LEFT, picture_ink(), text);
         picture_text(&p, 0.06 * width, 0.145 * height, 14, PICTURE_LEFT, picture_ink(),
-                     "blue: the scan; light: the probe; dark: the grasper; red: lips of the cut");
+                     "blue: the scan; light: the probe; dark: the retractor; red: lips of the cut");
         name_file(w, ".png", path);
         result = picture_save_png(&p, path);
     }
@@ -963,9 +1115,8 @@ static int begin_all(work *w)
     name_file(w, ".csv", path);
     if (sb_output_open(&w->csv, path, &error) != SB_OK)
         return complain(EXIT_USAGE, path, "cannot be written");
-    fprintf(
-        w->csv.file,
-        "t,push_N,probe_N,opened_mm2,flap_N,depth_mm,tip_x_mm,tip_y_mm,tip_z_mm,target_x_mm,target_y_mm,target_z_mm\n");
+    fprintf(w->csv.file, "t,push_N,probe_N,opened_mm2,flap_N,held_N,depth_mm,tip_x_mm,tip_y_mm,tip_z_mm,target_x_mm,"
+                         "target_y_mm,target_z_mm\n");
     printf("organ          %d nodes, %d tets; skin of %d triangles; scan of %d points; held at %d nodes\n",
            w->organ.node_count, w->organ.element_count, w->skin.element_count, w->scan.count, w->held_count);
     fflush(stdout); /* before what may go wrong is said */
@@ -1006,19 +1157,24 @@ static int insert_all(work *w)
 
 static int cut_flap(work *w)
 {
-    int status = make_steps(w, steps_to_rest(w), steps_to_lifted(w), "rests, the organ is cut");
+    double before = distance_across(&w->main);
+    int status = make_steps(w, steps_to_rest(w), steps_to_under(w), "rests, the organ is cut across it");
+    w->carried = feel_grasper(w, &w->main);
+    if (!status)
+        status = make_steps(w, steps_to_under(w), steps_to_held(w), "rests, the flap lies on the retractor");
     if (status)
         return status;
     w->reached = sb_body_state_hash(w->main.body);
     w->reached_tip = ndl_needle_tip(w->main.needle).position;
     w->opened = w->main.opened;
-    w->carried = feel_grasper(&w->main);
+    w->borne = feel_retractor(w, &w->main);
+    w->gap = distance_across(&w->main) - before;
     return draw_picture(w);
 }
 
 static int draw_out(work *w)
 {
-    int status = make_steps(w, steps_to_lifted(w), steps_to_lifted(w) + w->retract_steps, "goes out");
+    int status = make_steps(w, steps_to_held(w), steps_to_held(w) + w->retract_steps, "goes out");
     w->out = !status && !(ndl_needle_depth(w->main.needle) > 0);
     return status;
 }
@@ -1026,7 +1182,7 @@ static int draw_out(work *w)
 /* A second scene goes on from the saved state to where the first one had lifted its flap. */
 static int go_on_elsewhere(work *w)
 {
-    int end = steps_to_lifted(w), status = make_scene(w, &w->second);
+    int end = steps_to_held(w), status = make_scene(w, &w->second);
     char path[PATH_SIZE];
     sb_error error;
     sb_vec3 tip;
@@ -1084,7 +1240,8 @@ static int close_csv(work *w)
 static int warn_of_results(const work *w)
 {
     const settings *set = w->set;
-    int far = 1e3 * w->missed > set->miss, weak = w->pressed<0.5 * set->press, strong = w->pressed> 2 * set->press;
+    int far = 1e3 * w->missed > set->miss, fallen = !(w->borne > 0),
+        weak = w->pressed<0.5 * set->press, strong = w->pressed> 2 * set->press;
     char words[200];
     if (far) {
         snprintf(words, sizeof words,
@@ -1098,7 +1255,9 @@ static int warn_of_results(const work *w)
                  weak ? "the organ gives way" : "the organ is too stiff for its steps");
         complain(0, "probe", words);
     }
-    return far || weak || strong;
+    if (fallen)
+        complain(0, "retractor", "the flap does not lie on it");
+    return far || weak || strong || fallen;
 }
 
 static int print_results(const work *w, double seconds)
@@ -1110,10 +1269,11 @@ static int print_results(const work *w, double seconds)
     printf("registered_mm=%.3f ", 1e3 * w->registered);
     if (w->truth)
         printf("truth_mm=%.3f ", 1e3 * w->wrong);
-    printf("target_mm=%.3f probe_N=%.3f opened_mm2=%.1f flap_N=%.3f open_edges=%d continued=%s replayed=%s "
+    printf("target_mm=%.3f probe_N=%.3f opened_mm2=%.1f flap_N=%.3f held_N=%.3f gap_mm=%.2f open_edges=%d continued=%s "
+           "replayed=%s "
            "needle=%s seconds=%.1f\n",
-           1e3 * w->missed, w->pressed, 1e6 * w->opened, w->carried, w->open_edges, w->continued ? "same" : "differs",
-           w->replayed ? "same" : "differs", w->out ? "out" : "in", seconds);
+           1e3 * w->missed, w->pressed, 1e6 * w->opened, w->carried, w->borne, 1e3 * w->gap, w->open_edges,
+           w->continued ? "same" : "differs", w->replayed ? "same" : "differs", w->out ? "out" : "in", seconds);
     if (!w->continued || !w->replayed || !w->out)
         return EXIT_DIFFERS;
     return doubtful ? (int)EXIT_DOUBTFUL : 0;
@@ -1193,10 +1353,9 @@ static int program(int argc, char **argv)
         return EXIT_USAGE;
     if (s.help) {
         printf("usage: one_body [OPTIONS]\n\n"
-               "Registers an organ to a scan, presses a probe on it, takes a needle in, cuts it beside that, lifts the "
-               "flap "
-               "and\n"
-               "draws the needle out: one body, saved on the way, recorded and played again.\n\n");
+               "Registers an organ to a scan, presses a probe on it, takes a needle in, cuts it across that, lifts\n"
+               "the flap onto a retractor and draws the needle out: one body, saved on the way, recorded and played "
+               "again.\n\n");
         options_print(options, count);
         return 0;
     }

@@ -273,6 +273,117 @@ static inline void picture_add_surface(picture *p, const sb_mesh *surface, const
     free(normals);
 }
 
+/* ---- cutting open -------------------------------------------------------------------------------- */
+
+/* What is kept lies where normal . x >= offset. */
+typedef struct picture_plane {
+    picture_vec normal; /* unit */
+    double offset;      /* m */
+} picture_plane;
+
+static inline double picture_above(const picture_plane *plane, picture_vec x)
+{
+    return picture_dot(plane->normal, x) - plane->offset;
+}
+
+/* Corner k of `made`: a part s of the way from corner i of t to corner j. */
+static inline void picture_set_between(picture_triangle *made, int k, const picture_triangle *t, int i, int j, double s)
+{
+    made->corner[k] = picture_madd(t->corner[i], s, picture_madd(t->corner[j], -1, t->corner[i]));
+    made->normal[k] = picture_unit(picture_madd(t->normal[i], s, picture_madd(t->normal[j], -1, t->normal[i])));
+    made->value[k] = t->value[i] + s * (t->value[j] - t->value[i]);
+}
+
+/* Appends what a plane leaves of a triangle: nothing, one triangle or two. */
+static inline void picture_add_clipped(picture *p, picture_triangle t, const picture_plane *plane)
+{
+    picture_triangle corner[2]; /* those of the polygon, the fourth in the second */
+    int count = 0;
+    corner[0] = corner[1] = t;
+    for (int i = 0; i < 3; i++) {
+        int j = (i + 1) % 3;
+        double a = picture_above(plane, t.corner[i]), b = picture_above(plane, t.corner[j]);
+        if (a >= 0) {
+            picture_set_between(&corner[count / 3], count % 3, &t, i, j, 0);
+            count++;
+        }
+        if ((a >= 0) != (b >= 0)) {
+            picture_set_between(&corner[count / 3], count % 3, &t, i, j, a / (a - b));
+            count++;
+        }
+    }
+    if (count == 4) { /* 0 1 2 and 3 0 2 */
+        picture_set_between(&corner[1], 1, &corner[0], 0, 0, 0);
+        picture_set_between(&corner[1], 2, &corner[0], 2, 2, 0);
+    }
+    for (int i = 0; i < (count > 0) + (count > 3); i++) {
+        picture_triangle *made = picture_new_triangle(p);
+        if (made)
+            *made = corner[i];
+    }
+}
+
+/* Takes away what lies before the plane of the triangles from `first` on. The ground stays where it is. */
+static inline void picture_clip(picture *p, int first, picture_plane plane)
+{
+    int count = p->count;
+    for (int i = first; i < count && !p->out_of_memory; i++)
+        picture_add_clipped(p, p->triangles[i], &plane);
+    memmove(p->triangles + first, p->triangles + count, (size_t)(p->count - count) * sizeof *p->triangles);
+    p->count -= count - first;
+}
+
+/* One triangle of a section through a tet: its corners lie on the edges from kept[k] to gone[k]. */
+static inline void picture_add_crossing(picture *p, const sb_mesh *mesh, const sb_real *values, double low, double high,
+                                        const picture_plane *plane, const int kept[3], const int gone[3])
+{
+    picture_triangle *t = picture_new_triangle(p);
+    if (!t)
+        return;
+    memset(t, 0, sizeof *t);
+    for (int k = 0; k < 3; k++) {
+        picture_vec from = picture_from(mesh->nodes[kept[k]]), to = picture_from(mesh->nodes[gone[k]]);
+        double a = picture_above(plane, from), s = a / (a - picture_above(plane, to));
+        double value = (double)values[kept[k]] + s * ((double)values[gone[k]] - (double)values[kept[k]]);
+        t->corner[k] = picture_madd(from, s, picture_madd(to, -1, from));
+        t->normal[k] = picture_madd(picture_v(0, 0, 0), -1, plane->normal);
+        t->value[k] = (value - low) / (high > low ? high - low : 1);
+        picture_grow_box(p, t->corner[k]);
+    }
+}
+
+/* Adds the section of a mesh of tet4 by the plane, coloured by values[node_count] as picture_add_surface does: with it
+ * a boundary that picture_clip has opened is closed again. */
+static inline void picture_add_section(picture *p, const sb_mesh *mesh, const sb_real *values, double low, double high,
+                                       picture_plane plane)
+{
+    for (int e = 0; e < mesh->element_count; e++) {
+        const int *tet = mesh->elements + 4 * (size_t)e;
+        int kept[4], gone[4], kept_count = 0, gone_count = 0;
+        for (int k = 0; k < 4; k++)
+            if (picture_above(&plane, picture_from(mesh->nodes[tet[k]])) >= 0)
+                kept[kept_count++] = tet[k];
+            else
+                gone[gone_count++] = tet[k];
+        if (kept_count == 0 || gone_count == 0)
+            continue;
+        for (int k = kept_count; k < 3; k++)
+            kept[k] = kept[0];
+        for (int k = gone_count; k < 3 && gone_count == 1; k++)
+            gone[k] = gone[0];
+        if (gone_count == 2) { /* a quadrilateral: edges 0-0, 0-1, 1-1, 1-0 */
+            const int a[2][3] = {{kept[0], kept[0], kept[1]}, {kept[0], kept[1], kept[1]}};
+            const int b[2][3] = {{gone[0], gone[1], gone[1]}, {gone[0], gone[1], gone[0]}};
+            picture_add_crossing(p, mesh, values, low, high, &plane, a[0], b[0]);
+            picture_add_crossing(p, mesh, values, low, high, &plane, a[1], b[1]);
+        } else {
+            picture_add_crossing(p, mesh, values, low, high, &plane, kept, gone);
+        }
+    }
+}
+
+/* ---- rods and blocks ---------------------------------------------------------------------------- */
+
 /* Point and normal of a capsule; ring -RINGS is the pole at `from`, RINGS - 1 that at `to`. */
 enum { PICTURE_RINGS = 16, PICTURE_SPOKES = 48 };
 static inline picture_vec picture_capsule_normal(picture_vec axis, int ring, int spoke)

@@ -748,7 +748,7 @@ static int program(int argc, char **argv)
                "one\n"
                "end, lets gravity act, and writes the surface as the body carries it along. INNER surfaces lie inside "
                "the\n"
-               "first one and are stiffer parts of the body. A label image (VTK, VTI, MetaImage, NRRD) in place of "
+               "first one and are stiffer parts of the body. A label image (NIfTI, NRRD, MetaImage, VTK) in place of "
                "SURFACE is a\n"
                "body of all its labels; each but the first is a stiffer part.\n\n");
         options_print(options, count);

@@ -53,7 +53,8 @@ static void test_files(void)
         "points_float_ascii.vtk", "points_float_binary.vtk",   "points_double_ascii.vtk", "points_double_binary.vtk",
         "points_ascii.vti",       "points_base64.vti",         "points_base64_zlib.vti",  "points_raw.vti",
         "points_raw_zlib.vti",    "points_appended64_big.vti", "points_zlib.mha",         "points_raw.mha",
-        "points_raw.mhd",         "points_raw_big.nrrd",       "points_gzip.nrrd",        "points_text.nrrd"};
+        "points_raw.mhd",         "points_raw_big.nrrd",       "points_gzip.nrrd",        "points_text.nrrd",
+        "points_uchar.nii",       "points_short_big.nii.gz",   "points_float_2.nii.gz",   "points_scaled.nii"};
     for (size_t n = 0; n < sizeof names / sizeof names[0]; n++) {
         sb_image image;
         if (!load(names[n], &image))
@@ -123,6 +124,24 @@ static void test_directions(void)
         CHECK(sb_image_next_label(&image, INT_MIN, &label) && label == -8);
         CHECK(sb_image_next_label(&image, label, &label) && label == 7);
         CHECK(!sb_image_next_label(&image, label, &label) && label == 7);
+        sb_image_free(&image);
+    }
+}
+
+/* A left-handed image, by the turn and by the matrix of NIfTI's header. */
+static void test_nifti_turned(void)
+{
+    static const char *const names[] = {"turned_q.nii", "turned_s.nii"};
+    for (int n = 0; n < 2; n++) {
+        sb_image image;
+        if (!load(names[n], &image))
+            continue;
+        check_content(&image);
+        check_vector(sb_v3_scale(1000, image.origin), 1, 2, 3);
+        check_vector(sb_v3_scale(1000, image.spacing), 2, 3, 4);
+        check_vector(sb_m3_column(image.direction, 0), 0, 1, 0);
+        check_vector(sb_m3_column(image.direction, 1), -cos(0.3), 0, sin(0.3));
+        check_vector(sb_m3_column(image.direction, 2), -sin(0.3), 0, -cos(0.3));
         sb_image_free(&image);
     }
 }
@@ -235,12 +254,134 @@ static void test_malformed(void)
     }
 }
 
+enum { NIFTI_BYTES = 376, NIFTI_DIM = 40, NIFTI_TYPE = 70, NIFTI_SPACING = 76, NIFTI_OFFSET = 108, NIFTI_ROWS = 280 };
+
+static void put_short(unsigned char *at, int value)
+{
+    at[0] = (unsigned char)(value & 255);
+    at[1] = (unsigned char)(value >> 8 & 255);
+}
+
+static void put_float(unsigned char *at, float value)
+{
+    uint32_t bits;
+    memcpy(&bits, &value, sizeof bits);
+    put_short(at, (int)(bits & 65535));
+    put_short(at + 2, (int)(bits >> 16));
+}
+
+static size_t read_file(const char *name, unsigned char *data, size_t capacity)
+{
+    char path[256];
+    size_t size;
+    FILE *file;
+    snprintf(path, sizeof path, "tests/fuzz/corpus/image/%s", name);
+    file = fopen(path, "rb");
+    if (!CHECK(file != NULL))
+        return 0;
+    size = fread(data, 1, capacity, file);
+    fclose(file);
+    return size;
+}
+
+/* One field of a good header is wrong. */
+static void test_nifti_malformed(void)
+{
+    static const struct {
+        int at, is_float;
+        double value;
+        sb_result result;
+        const char *message;
+    } cases[] = {{NIFTI_DIM, 0, 0, SB_ERROR_FORMAT, "of 0 dimensions"},
+                 {NIFTI_DIM, 0, 8, SB_ERROR_FORMAT, "of 8 dimensions"},
+                 {NIFTI_DIM, 0, -1, SB_ERROR_FORMAT, "of -1 dimensions"},
+                 {NIFTI_DIM + 2, 0, 0, SB_ERROR_FORMAT, "0 voxels along axis 0"},
+                 {NIFTI_DIM + 6, 0, -2, SB_ERROR_FORMAT, "-2 voxels along axis 2"},
+                 {NIFTI_DIM + 2, 0, 5, SB_ERROR_FORMAT, "30 voxels of 1 bytes are announced, but 24 bytes"},
+                 {NIFTI_DIM + 2, 0, 3, SB_ERROR_FORMAT, "6 bytes follow the 18 voxels"},
+                 {NIFTI_TYPE, 0, 128, SB_ERROR_UNSUPPORTED, "data type 128"},
+                 {NIFTI_TYPE, 0, 1, SB_ERROR_UNSUPPORTED, "data type 1"},
+                 {NIFTI_OFFSET, 1, 300, SB_ERROR_FORMAT, "begin at byte 300"},
+                 {NIFTI_OFFSET, 1, 352.5, SB_ERROR_FORMAT, "begin at byte 352.5"},
+                 {NIFTI_OFFSET, 1, 1e30, SB_ERROR_FORMAT, "begin at byte 1e+30"},
+                 {NIFTI_OFFSET, 1, 4000, SB_ERROR_FORMAT, "but 0 bytes are there"},
+                 {NIFTI_ROWS, 1, 0, SB_ERROR_NOT_FINITE, "a direction of length 0"},
+                 {344, 0, 'x' + 256 * '+', SB_ERROR_FORMAT, "no image of VTK's"},
+                 {345, 0, 'i' + 256 * '1', SB_ERROR_UNSUPPORTED, "in another file"}};
+    unsigned char good[NIFTI_BYTES + 1];
+    sb_image image;
+    sb_error error;
+    if (!CHECK_INT(read_file("points_uchar.nii", good, sizeof good), NIFTI_BYTES))
+        return;
+    for (size_t i = 0; i < sizeof cases / sizeof cases[0]; i++) {
+        unsigned char data[NIFTI_BYTES];
+        int told;
+        memcpy(data, good, NIFTI_BYTES);
+        if (cases[i].is_float)
+            put_float(data + cases[i].at, (float)cases[i].value);
+        else
+            put_short(data + cases[i].at, (int)cases[i].value);
+        memset(&image, 7, sizeof image);
+        error.message[0] = 0;
+        told = CHECK_RESULT(sb_image_load_memory(&image, data, NIFTI_BYTES, "bad", NULL, &error), cases[i].result);
+        told = CHECK(strstr(error.message, cases[i].message) != NULL) && told;
+        CHECK(image.counts[0] == 0x07070707);
+        if (!told)
+            printf("case %d: %s\n", (int)i, error.message);
+    }
+    memset(good + NIFTI_ROWS, 0xFF, 4); /* not a number, whatever the byte order */
+    CHECK_RESULT(sb_image_load_memory(&image, good, NIFTI_BYTES, "bad", NULL, &error), SB_ERROR_NOT_FINITE);
+}
+
+/* Axes that are not used: a fourth of one volume is fine, of two is not; images of a layer have two. */
+static void test_nifti_axes(void)
+{
+    unsigned char data[NIFTI_BYTES + 1];
+    sb_image image;
+    sb_error error;
+    if (!CHECK_INT(read_file("points_uchar.nii", data, sizeof data), NIFTI_BYTES))
+        return;
+    put_short(data + NIFTI_DIM, 4);
+    if (CHECK_OK(sb_image_load_memory(&image, data, NIFTI_BYTES, "x", NULL, &error))) {
+        check_content(&image);
+        sb_image_free(&image);
+    }
+    put_short(data + NIFTI_DIM + 8, 2);
+    CHECK_RESULT(sb_image_load_memory(&image, data, NIFTI_BYTES, "x", NULL, &error), SB_ERROR_UNSUPPORTED);
+    CHECK(strstr(error.message, "2 values per voxel") != NULL);
+    put_short(data + NIFTI_DIM, 2);
+    if (CHECK_OK(sb_image_load_memory(&image, data, NIFTI_BYTES - 12, "x", NULL, &error))) {
+        CHECK(image.counts[0] == 4 && image.counts[1] == 3 && image.counts[2] == 1);
+        sb_image_free(&image);
+    }
+}
+
+/* A file that is packed but holds no image, and one whose packed voxels would unpack to more than it announces. */
+static void test_nifti_packed(void)
+{
+    unsigned char data[512], other[64] = {0x1F, 0x8B, 8, 0, 0, 0, 0, 0, 0, 3, 1, 0, 0, 0xFF, 0xFF, 0, 0, 0, 0};
+    size_t size = read_file("points_short_big.nii.gz", data, sizeof data);
+    sb_image image;
+    sb_error error;
+    CHECK_RESULT(sb_image_load_memory(&image, other, sizeof other, "x", NULL, &error), SB_ERROR_UNSUPPORTED);
+    CHECK(strstr(error.message, "unpack it first") != NULL);
+    for (size_t at = 0; at < size; at++) { /* whatever byte is damaged: no crash, and nothing but what was packed */
+        unsigned char byte = data[at];
+        data[at] = (unsigned char)(byte ^ 0x55);
+        if (sb_image_load_memory(&image, data, size, "x", NULL, &error) == SB_OK) {
+            check_content(&image);
+            sb_image_free(&image);
+        }
+        data[at] = byte;
+    }
+}
+
 /* Every file cut off anywhere is an error, or, where only blanks or end tags are missing, the same image. */
 static void test_truncated(void)
 {
     static const char *const names[] = {"points_short_ascii.vtk", "points_short_binary.vtk", "points_base64_zlib.vti",
                                         "points_raw_zlib.vti",    "points_zlib.mha",         "points_gzip.nrrd",
-                                        "points_raw_big.nrrd"};
+                                        "points_raw_big.nrrd",    "points_scaled.nii",       "points_float_2.nii.gz"};
     for (size_t n = 0; n < sizeof names / sizeof names[0]; n++) {
         char path[256], data[8192];
         size_t size;
@@ -303,8 +444,8 @@ static void test_not_a_mesh(void)
 static void test_memory(void)
 {
     static const char *const names[] = {"points_short_binary.vtk", "points_raw_zlib.vti", "points_base64.vti",
-                                        "points_gzip.nrrd", "points_raw.mhd"};
-    for (int n = 0; n < 5; n++) {
+                                        "points_gzip.nrrd",        "points_raw.mhd",      "points_short_big.nii.gz"};
+    for (size_t n = 0; n < sizeof names / sizeof names[0]; n++) {
         sb_result result = SB_ERROR_MEMORY;
         for (int fail_at = 1; result != SB_OK && fail_at < 100; fail_at++) {
             sb_load_options options = sb_default_load_options();
@@ -359,6 +500,8 @@ static void test_check(void)
 
 CHECK_SUITE(image, {"files of VTK and by hand", test_files}, {"values of cells", test_cells},
             {"an image that is turned", test_turned}, {"directions", test_directions},
-            {"malformed files", test_malformed}, {"files that are cut off", test_truncated},
-            {"data files elsewhere", test_detached}, {"images are no meshes", test_not_a_mesh},
-            {"every allocation failing", test_memory}, {"images of one's own", test_check});
+            {"NIfTI, turned", test_nifti_turned}, {"NIfTI, fields out of range", test_nifti_malformed},
+            {"NIfTI, axes", test_nifti_axes}, {"NIfTI, packed", test_nifti_packed}, {"malformed files", test_malformed},
+            {"files that are cut off", test_truncated}, {"data files elsewhere", test_detached},
+            {"images are no meshes", test_not_a_mesh}, {"every allocation failing", test_memory},
+            {"images of one's own", test_check});

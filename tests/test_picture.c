@@ -353,9 +353,75 @@ static void test_empty_scene(void)
     picture_end(&p);
 }
 
+static picture_plane random_plane(unsigned long long *seed)
+{
+    picture_plane plane;
+    plane.normal = picture_unit(picture_v(check_random_in(seed, -1, 1), check_random_in(seed, -1, 1), 1.2));
+    plane.offset = picture_dot(plane.normal, picture_v(0.5, 0.5, 0.5)) + check_random_in(seed, -0.3, 0.3);
+    return plane;
+}
+
+/* Volume that the triangles bound and area of those from `first` on; all lie on the plane's side and have the values of
+ * their places. */
+static void check_cut(const picture *p, int first, const picture_plane *plane, double *volume, double *section)
+{
+    *volume = *section = 0;
+    for (int i = 0; i < p->count; i++) {
+        const picture_triangle *t = &p->triangles[i];
+        picture_vec n = picture_face_normal(t->corner);
+        double turned = i < first || picture_dot(n, t->normal[0]) > 0 ? 1 : -1;
+        *volume += turned * picture_dot(n, t->corner[0]) / 6;
+        *section += i < first ? 0 : sqrt(picture_dot(n, n)) / 2;
+        for (int k = 0; k < 3; k++) {
+            CHECK(picture_above(plane, t->corner[k]) > -1e-6);
+            CHECK_NEAR(t->value[k], t->corner[k].x, 1e-6);
+        }
+    }
+}
+
+/* A block that is cut open from both sides: the volumes make that of the block, the sections are the same. */
+static void test_cut_open(void)
+{
+    sb_mesh block;
+    sb_boundary boundary;
+    sb_real values[60];
+    unsigned long long seed = 77;
+    if (!CHECK_OK(sb_mesh_beam(SB_TET4, 3, 2, 4, sb_v3(1, 1, 1), NULL, &block, NULL)))
+        return;
+    if (!CHECK_INT(block.node_count, 60) || !CHECK_OK(sb_mesh_boundary(&block, 1, NULL, &boundary, NULL)))
+        return;
+    for (int round = 0; round < 20; round++) {
+        picture_plane plane = random_plane(&seed);
+        double volume[2], section[2];
+        for (int side = 0; side < 2; side++) {
+            picture p;
+            int first;
+            picture_begin(&p, 8, 8);
+            for (int i = 0; i < boundary.surface.node_count; i++)
+                values[i] = boundary.surface.nodes[i].x;
+            picture_add_surface(&p, &boundary.surface, values, 0, 1);
+            picture_clip(&p, 0, plane);
+            first = p.count;
+            for (int i = 0; i < block.node_count; i++)
+                values[i] = block.nodes[i].x;
+            picture_add_section(&p, &block, values, 0, 1, plane);
+            check_cut(&p, first, &plane, &volume[side], &section[side]);
+            picture_end(&p);
+            plane.normal = picture_madd(picture_v(0, 0, 0), -1, plane.normal);
+            plane.offset = -plane.offset;
+        }
+        CHECK_NEAR(volume[0] + volume[1], 1, 1e-5);
+        CHECK(volume[0] > 0.05 && volume[1] > 0.05);
+        CHECK_NEAR(section[0], section[1], 1e-5);
+    }
+    sb_boundary_free(&boundary);
+    sb_mesh_free(&block);
+}
+
 CHECK_SUITE(picture, {"png round trip", test_png_round_trip}, {"png failures", test_png_failures},
             {"nearer hides farther", test_nearer_hides_farther},
             {"shadow falls away from the light", test_shadow_falls_away_from_the_light},
             {"frame and lengths", test_frame_and_lengths}, {"capsule is round", test_capsule_is_round},
             {"colour map", test_colour_map}, {"text", test_text},
-            {"text outside is clipped", test_text_outside_is_clipped}, {"empty scene", test_empty_scene});
+            {"text outside is clipped", test_text_outside_is_clipped}, {"empty scene", test_empty_scene},
+            {"cut open by a plane", test_cut_open});

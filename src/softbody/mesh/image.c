@@ -45,7 +45,7 @@ static sb_result sbi_voxels_read_raw(sbi_loader *loader, sbi_reader *reader, con
         double value = data->class_ == 'f'   ? sbi_decode_float(reader, bytes, data->size)
                        : data->class_ == 'i' ? (double)sbi_decode_signed(reader, bytes, data->size)
                                              : (double)sbi_decode_bits(reader, bytes, data->size);
-        result = sbi_voxels_set(loader, reader, i, value);
+        result = sbi_voxels_set(loader, reader, i, data->slope != 0 ? data->shift + data->slope * value : value);
     }
     return result;
 }
@@ -55,7 +55,8 @@ static sb_result sbi_voxels_read_packed(sbi_loader *loader, sbi_reader *reader, 
     const unsigned char *bytes = (const unsigned char *)reader->data + reader->at;
     size_t size = 0, capacity = 0, limit = 0;
     unsigned char *out = NULL;
-    const char *wrong = sbi_size_add(&limit, (size_t)count, (size_t)data->size) ? NULL : "";
+    const char *wrong =
+        sbi_size_add(&limit, (size_t)count, (size_t)data->size) && sbi_size_add(&limit, data->offset, 1) ? NULL : "";
     sb_result result;
     if (!wrong)
         wrong = (data->encoding == SBI_VOXELS_GZIP ? sbi_gunzip : sbi_inflate)(
@@ -68,7 +69,7 @@ static sb_result sbi_voxels_read_packed(sbi_loader *loader, sbi_reader *reader, 
         sbi_reader unpacked = *reader;
         unpacked.data = out ? (const char *)out : "";
         unpacked.size = size;
-        unpacked.at = 0;
+        unpacked.at = data->offset < size ? data->offset : size;
         result = sbi_voxels_read_raw(loader, &unpacked, data, count);
     }
     sbi_free(&loader->allocator, out);
@@ -85,6 +86,8 @@ static sb_result sbi_voxels_read_data(sbi_loader *loader, sbi_reader *reader, co
         return sbi_voxels_read_text(loader, reader, count);
     reader->binary = 1;
     reader->big_endian = data->big_endian;
+    if (data->encoding == SBI_VOXELS_RAW && data->offset > 0)
+        reader->at = data->offset < reader->size ? data->offset : reader->size;
     return data->encoding == SBI_VOXELS_RAW ? sbi_voxels_read_raw(loader, reader, data, count)
                                             : sbi_voxels_read_packed(loader, reader, data, count);
 }
@@ -96,7 +99,9 @@ typedef enum sbi_image_format {
     SBI_IMAGE_VTK = 1,
     SBI_IMAGE_VTI = 2,
     SBI_IMAGE_META = 3,
-    SBI_IMAGE_NRRD = 4
+    SBI_IMAGE_NRRD = 4,
+    SBI_IMAGE_NIFTI = 5,
+    SBI_IMAGE_PACKED = 6 /* by gzip: a NIfTI file, or of no use */
 } sbi_image_format;
 
 static int sbi_image_begins(const char *data, size_t size, const char *text)
@@ -114,6 +119,10 @@ static sbi_image_format sbi_image_detect(const char *data, size_t size)
         return SBI_IMAGE_NRRD;
     if (sbi_image_begins(data, size, "ObjectType") || sbi_image_begins(data, size, "NDims"))
         return SBI_IMAGE_META;
+    if (sbi_image_begins(data, size, "\x1F\x8B"))
+        return SBI_IMAGE_PACKED;
+    if (sbi_nifti_begins(data, size))
+        return SBI_IMAGE_NIFTI;
     while (size > 0 && (*data == ' ' || *data == '\n' || *data == '\r' || *data == '\t'))
         data++, size--;
     return size > 0 && *data == '<' ? SBI_IMAGE_VTI : SBI_IMAGE_NONE;
@@ -129,9 +138,23 @@ static int sbi_image_has(const char *data, size_t size, const char *text)
     return 0;
 }
 
+/* 1 when what is packed begins as a NIfTI file does; `start` is all that is known of it. */
+static int sbi_image_is_packed(const char *start, size_t size)
+{
+    sb_allocator allocator;
+    unsigned char *out;
+    size_t out_size;
+    int is;
+    memset(&allocator, 0, sizeof allocator);
+    sbi_gunzip_start(&allocator, (const unsigned char *)start, size, SBI_NIFTI_HEADER, &out, &out_size);
+    is = sbi_nifti_begins((const char *)out, out_size);
+    sbi_free(&allocator, out);
+    return is;
+}
+
 SB_API int sb_image_is_file(const char *path)
 {
-    char start[1024]; /* the title line of VTK's files has at most 256 characters */
+    char start[1024]; /* the title line of VTK's files has at most 256 characters, NIfTI's header 540 bytes */
     FILE *file = path ? fopen(path, "rb") : NULL;
     size_t size;
     if (!file)
@@ -141,8 +164,10 @@ SB_API int sb_image_is_file(const char *path)
     switch (sbi_image_detect(start, size)) {
     case SBI_IMAGE_VTK: return sbi_image_has(start, size, "STRUCTURED_POINTS");
     case SBI_IMAGE_VTI: return sbi_image_has(start, size, "ImageData");
+    case SBI_IMAGE_PACKED: return sbi_image_is_packed(start, size);
     case SBI_IMAGE_META:
-    case SBI_IMAGE_NRRD: return 1;
+    case SBI_IMAGE_NRRD:
+    case SBI_IMAGE_NIFTI: return 1;
     case SBI_IMAGE_NONE: break;
     }
     return 0;
@@ -194,12 +219,32 @@ static sb_result sbi_image_read_detached(sbi_loader *loader, const sbi_voxel_dat
     return result;
 }
 
+/* The header of a NIfTI file that is packed as a whole. Another packed file is an error. */
+static sb_result sbi_image_read_packed(sbi_loader *loader, sbi_voxel_data *data)
+{
+    sbi_reader header = loader->reader;
+    unsigned char *start;
+    sb_result result;
+    if (!sbi_gunzip_start(&loader->allocator, (const unsigned char *)header.data, header.size, SBI_NIFTI_HEADER, &start,
+                          &header.size))
+        result = sbi_loader_no_memory(loader);
+    else if (!sbi_nifti_begins((const char *)start, header.size))
+        result = sbi_reader_check_kind(&loader->reader);
+    else {
+        header.data = (const char *)start;
+        data->encoding = SBI_VOXELS_GZIP;
+        result = sbi_nifti_read(&header, loader->voxels, data);
+    }
+    sbi_free(&loader->allocator, start);
+    return result;
+}
+
 static sb_result sbi_image_parse(sbi_loader *loader, const char *path)
 {
     sbi_reader *reader = &loader->reader;
     sbi_image_format format = sbi_image_detect(reader->data, reader->size);
     sbi_voxel_data data;
-    sb_result result = sbi_reader_check_kind(reader);
+    sb_result result = format == SBI_IMAGE_PACKED ? SB_OK : sbi_reader_check_kind(reader);
     memset(&data, 0, sizeof data);
     if (result)
         return result;
@@ -208,9 +253,11 @@ static sb_result sbi_image_parse(sbi_loader *loader, const char *path)
     case SBI_IMAGE_VTI: return sbi_vtu_read(loader);
     case SBI_IMAGE_META: result = sbi_meta_read(loader, &data); break;
     case SBI_IMAGE_NRRD: result = sbi_nrrd_read(loader, &data); break;
+    case SBI_IMAGE_NIFTI: result = sbi_nifti_read(reader, loader->voxels, &data); break;
+    case SBI_IMAGE_PACKED: result = sbi_image_read_packed(loader, &data); break;
     default:
         return sbi_reader_fail(reader, SB_ERROR_FORMAT, "the file is %s",
-                               reader->size ? "no image of VTK's, no MetaImage and no NRRD" : "empty");
+                               reader->size ? "no image of VTK's, no MetaImage, NRRD or NIfTI" : "empty");
     }
     if (result)
         return result;

@@ -11,7 +11,10 @@
  * | VTI        | VTK's XML ImageData in one piece: ASCII, base64, appended, zlib-compressed              |
  * | MetaImage  | .mha, .mhd with one data file: raw of both byte orders, ASCII, zlib-compressed          |
  * | NRRD       | .nrrd, .nhdr with one data file: raw of both byte orders, ASCII, gzip                   |
+ * | NIfTI      | .nii, .nii.gz, versions 1 and 2 of both byte orders, in one file                        |
  *
+ * Coordinates are the file's own times `scale`: NIfTI's x, y, z point right, forward and up (of the patient), those of
+ * DICOM and most MetaImages left, back and up; an NRRD's header says which (`space`). Almost all are in millimetres.
  * A file is untrusted input, see meshio.h. */
 #ifndef SB_IMAGE_H
 #define SB_IMAGE_H

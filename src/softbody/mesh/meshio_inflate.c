@@ -389,3 +389,15 @@ SBI_API const char *sbi_gunzip(const sb_allocator *allocator, const unsigned cha
     *out_size = out_end;
     return NULL;
 }
+
+SBI_API int sbi_gunzip_start(const sb_allocator *allocator, const unsigned char *data, size_t size, size_t least,
+                             unsigned char **out, size_t *out_size)
+{
+    size_t at = sbi_inflate_gzip_header(data, size), end = 0, capacity = 0;
+    const char *wrong = NULL;
+    *out = NULL;
+    *out_size = 0;
+    if (at > 0) /* a block that is stored as it is adds 65535 bytes at once, or none */
+        wrong = sbi_inflate_from(allocator, data, size, at, least + 65535, out, 0, &capacity, &end, out_size);
+    return !wrong || wrong[0] != 0;
+}

@@ -205,7 +205,9 @@ typedef struct sbi_voxel_data {
     int big_endian;
     sbi_voxel_encoding encoding;
     int has_file;
-    sbi_word file; /* where the voxels are, when has_file; beside the header */
+    sbi_word file;       /* where the voxels are, when has_file; beside the header */
+    size_t offset;       /* bytes before the voxels of what is unpacked, 0: the reader stands there */
+    double slope, shift; /* of values, label = shift + slope value; slope 0: labels are the values */
 } sbi_voxel_data;
 
 /* Everything gathered from a file. */
@@ -326,6 +328,11 @@ SBI_API const char *sbi_inflate(const sb_allocator *allocator, const unsigned ch
 SBI_API const char *sbi_gunzip(const sb_allocator *allocator, const unsigned char *data, size_t size, size_t limit,
                                unsigned char **out, size_t *out_size, size_t *out_capacity);
 
+/* The start of a gzip file: its first `least` bytes, or as many as there are, and perhaps some more. 0 for want of
+ * memory; what is wrong with the file later on does not matter. */
+SBI_API int sbi_gunzip_start(const sb_allocator *allocator, const unsigned char *data, size_t size, size_t least,
+                             unsigned char **out, size_t *out_size);
+
 /* ---- label images (image) ------------------------------------------------------------------------------ */
 
 SBI_API void sbi_voxels_init(sbi_voxels *voxels);
@@ -386,6 +393,12 @@ SBI_API sb_result sbi_medit_read(sbi_loader *loader);
 /* These two read the header of a label image; the voxels follow in the file, or are all of the one named. */
 SBI_API sb_result sbi_meta_read(sbi_loader *loader, sbi_voxel_data *data);
 SBI_API sb_result sbi_nrrd_read(sbi_loader *loader, sbi_voxel_data *data);
+/* The header of a NIfTI file, which `header` holds from its first byte on, unpacked; data->offset tells where the
+ * voxels are. */
+SBI_API sb_result sbi_nifti_read(const sbi_reader *header, sbi_voxels *voxels, sbi_voxel_data *data);
+/* 1 when the content begins as a NIfTI file does, SBI_NIFTI_HEADER bytes of it are enough. */
+enum { SBI_NIFTI_HEADER = 540 };
+SBI_API int sbi_nifti_begins(const char *data, size_t size);
 /* 1 when the content begins as a binary Medit file does. */
 SBI_API int sbi_medit_is_binary(const char *data, size_t size);
 /* TetGen's two files, one after the other; between them the caller changes the reader. *base: number of
