@@ -222,29 +222,25 @@ static void same_bits(const sb_body *a, const sb_body *b, const char *what)
         printf("after %s\n", what);
 }
 
-/* What reads a body and uses its matrix for that. */
-static void look_at(sb_body *body)
+/* What reads a body and uses its matrix for that: the one or the other. */
+static void look_at(sb_body *body, int which)
 {
     int n = sb_body_node_count(body);
-    sb_vec3 *x = (sb_vec3 *)calloc((size_t)n, sizeof *x), *y = (sb_vec3 *)calloc((size_t)n, sizeof *y);
+    sb_vec3 *y = (sb_vec3 *)calloc((size_t)n, sizeof *y);
     sb_real dt;
-    if (CHECK(x && y)) {
-        for (int i = 0; i < n; i++)
-            x[i] = sb_body_positions(body)[i];
-        CHECK_OK(sb_body_multiply_tangent(body, SB_TANGENT_SPD, x, y, NULL));
+    if (!CHECK(y != NULL))
+        return;
+    if (which % 2)
+        CHECK_OK(sb_body_multiply_tangent(body, SB_TANGENT_SPD, sb_body_positions(body), y, NULL));
+    else
         CHECK_OK(sb_body_stable_step(body, &dt, NULL));
-    }
-    free(x);
     free(y);
 }
 
-/* A step that would make another tangent, of another length, and fails. */
-static void fail_step(swing *s)
+/* A step so long that it makes another tangent, and then finds that nodes coast beyond all range. */
+static void fail_step(const swing *s)
 {
-    const double far = SB_REAL_IS_FLOAT ? 1e30 : 1e250;
-    sb_vec3 force = sb_v3(0, 0, REAL(far));
-    CHECK_OK(sb_body_apply_forces(s->body, &s->node, 1, &force, 1, NULL));
-    CHECK(sb_body_step(s->body, REAL(1.7) * s->dt, NULL) != SB_OK);
+    CHECK_RESULT(sb_body_step(s->body, SB_REAL_IS_FLOAT ? REAL(1e36) : REAL(1e200), NULL), SB_ERROR_DIVERGED);
 }
 
 static void test_bits(void)
@@ -260,7 +256,7 @@ static void test_bits(void)
     for (int k = 0; k < 4; k++) {
         swing_run(&plain, 11);
         swing_run(&seen, 11);
-        look_at(seen.body);
+        look_at(seen.body, k);
         swing_run(&plain, 2);
         swing_run(&seen, 2);
         same_bits(plain.body, seen.body, "looks");
@@ -365,7 +361,7 @@ static void test_recording(void)
     for (int k = 0; k < 4; k++) {
         CHECK_OK(sb_body_keep_tangent(s.body, angles[k], NULL));
         swing_run(&s, 6);
-        look_at(s.body); /* which it does not hear of */
+        look_at(s.body, k); /* which it does not hear of */
         swing_run(&s, 6);
     }
     sb_recording_stop(recording);
@@ -383,7 +379,7 @@ static void test_recording(void)
 /* What the tangent depends on changes, one thing after the other: each asks for another one, once. */
 static void test_changes(void)
 {
-    swing s = swing_begin(2, 1);
+    swing s = swing_begin(0, 1); /* implicit Euler: others look for their acceleration first */
     sb_material softer;
     s.push = 0;
     s.def.gravity = sb_v3(0, 0, 0);
