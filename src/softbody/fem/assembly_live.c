@@ -80,24 +80,43 @@ static int *sbi_ring_of_pairs(const sbi_assembly_live *live, const sb_matrix *ma
     return at;
 }
 
-/* The pair of two corners of a cell, and where in the matrix their block above the diagonal is, or -1. */
-static int sbi_live_pair_of(const sb_matrix *matrix, int e, const int *nodes, int a, int b, int *block)
+/* Blocks found last, by their nodes: of the couplings that a change is about, each has a handful of its cells. */
+enum { SBI_FOUND_BLOCKS = 256 };
+typedef struct sbi_found_block {
+    int low, high, block;
+} sbi_found_block;
+
+/* Where in the matrix the block of two nodes above the diagonal is, or -1. */
+static int sbi_live_find_block(const sb_matrix *matrix, int i, int j, sbi_found_block *found)
+{
+    int low = sbi_min_int(i, j), high = sbi_max_int(i, j);
+    sbi_found_block *known = found + ((unsigned)low * 31u + (unsigned)high) % SBI_FOUND_BLOCKS;
+    if (known->low != low || known->high != high) {
+        known->low = low;
+        known->high = high;
+        known->block = sb_matrix_find(matrix, low, high);
+    }
+    return known->block;
+}
+
+/* The pair of two corners of a cell. */
+static int sbi_live_pair_of(int e, const int *nodes, int a, int b)
 {
     int flip = nodes[a] > nodes[b];
-    *block = flip ? sb_matrix_find(matrix, nodes[b], nodes[a]) : sb_matrix_find(matrix, nodes[a], nodes[b]);
-    return flip ? sbi_batch_pair(e, b, a, SBI_PAIR_NODE_BITS) : sbi_batch_pair(e, a, b, SBI_PAIR_NODE_BITS);
+    return sbi_batch_pair(e, flip ? b : a, flip ? a : b, SBI_PAIR_NODE_BITS);
 }
 
 /* Takes the pairs of a cell out of their rings; kept: corners, as bits, that keep their node. */
 static void sbi_live_remove_pairs(const sbi_assembly_live *live, const sb_matrix *matrix, int e, const int *nodes,
-                                  int kept)
+                                  int kept, sbi_found_block *found)
 {
     for (int a = 0; a < 4; a++)
         for (int b = a + 1; b < 4; b++) {
             int block, pair, *at;
             if ((kept >> a & kept >> b & 1) != 0)
                 continue;
-            pair = sbi_live_pair_of(matrix, e, nodes, a, b, &block);
+            pair = sbi_live_pair_of(e, nodes, a, b);
+            block = sbi_live_find_block(matrix, nodes[a], nodes[b], found);
             at = block >= 0 ? sbi_ring_of_pairs(live, matrix, block, pair) : NULL;
             if (at && *at == pair) /* else the coupling went, and another came */
                 *at = live->pair_next[sbi_live_pair_index(pair)];
@@ -106,20 +125,27 @@ static void sbi_live_remove_pairs(const sbi_assembly_live *live, const sb_matrix
 
 /* Puts those in that are not there; kept: corners whose pairs are. */
 static void sbi_live_add_pairs(const sbi_assembly_live *live, const sb_matrix *matrix, int e, const int *nodes,
-                               int kept)
+                               int kept, sbi_found_block *found)
 {
     for (int a = 0; a < 4; a++)
         for (int b = a + 1; b < 4; b++) {
-            int block, pair, *at;
+            int pair, *at;
             if ((kept >> a & kept >> b & 1) != 0)
                 continue;
-            pair = sbi_live_pair_of(matrix, e, nodes, a, b, &block);
-            at = sbi_ring_of_pairs(live, matrix, block, pair);
+            pair = sbi_live_pair_of(e, nodes, a, b);
+            at = sbi_ring_of_pairs(live, matrix, sbi_live_find_block(matrix, nodes[a], nodes[b], found), pair);
             if (*at == pair)
                 continue;
             live->pair_next[sbi_live_pair_index(pair)] = *at;
             *at = pair;
         }
+}
+
+/* None yet. */
+static void sbi_live_forget_blocks(sbi_found_block *found)
+{
+    for (int k = 0; k < SBI_FOUND_BLOCKS; k++)
+        found[k].low = -1;
 }
 
 /* ---- maps ------------------------------------------------------------------------------------------------- */
@@ -158,11 +184,13 @@ SBI_API void sbi_assembly_map_rows(sbi_assembly *assembly, const sb_matrix *matr
 {
     const sb_domain *domain = assembly->domain;
     sbi_assembly_live *live = assembly->live;
+    sbi_found_block found[SBI_FOUND_BLOCKS];
+    sbi_live_forget_blocks(found);
     for (int q = 0; q < matrix->block_count; q++)
         matrix->live->heads[q] = -1;
     for (int e = domain->cell_count; e-- > 0;) /* the last first, so that none has to be passed */
         if (!sbi_domain_is_free(domain, e))
-            sbi_live_add_pairs(live, matrix, e, domain->cells + 4 * (size_t)e, 0);
+            sbi_live_add_pairs(live, matrix, e, domain->cells + 4 * (size_t)e, 0, found);
     memset(live->unmapped, 1, (size_t)matrix->row_count);
     live->maps_are_old = 1;
 }
@@ -498,17 +526,19 @@ static void sbi_assembly_join_rings(sbi_assembly *assembly, int e, const int *no
 static void sbi_assembly_follow_rings(sbi_assembly *assembly, const sb_matrix *matrix, const sbi_mesh_change *change)
 {
     sbi_assembly_live *live = assembly->live;
+    sbi_found_block found[SBI_FOUND_BLOCKS];
+    sbi_live_forget_blocks(found);
     for (int k = 0; k < change->removed_cell_count; k++) {
         int e = change->removed_cells[k];
         const int *nodes = change->removed_cell_nodes + 4 * (size_t)k;
         sbi_assembly_leave_rings(assembly, e, nodes);
-        sbi_live_remove_pairs(live, matrix, e, nodes, live->kept[e]);
+        sbi_live_remove_pairs(live, matrix, e, nodes, live->kept[e], found);
     }
     for (int k = 0; k < change->made_cell_count; k++) {
         int e = change->made_cells[k], kept = live->kept[e];
         const int *nodes = change->made_cell_nodes + 4 * (size_t)k;
         sbi_assembly_join_rings(assembly, e, nodes);
-        sbi_live_add_pairs(live, matrix, e, nodes, kept);
+        sbi_live_add_pairs(live, matrix, e, nodes, kept, found);
     }
     for (int k = 0; k < matrix->live->touched_count; k++)
         live->unmapped[matrix->live->touched[k]] = 1;
