@@ -102,7 +102,8 @@ typedef struct sbi_kept {
     sb_real angle; /* rad: elements that have turned by more ask for another one; 0: each step makes its own */
     int current;   /* 1: body->matrix, support_blocks and precond are what follows from `made` */
     size_t rotation_count;
-    sbi_kept_made made, saved; /* saved: at the start of the step at work */
+    sb_real mass, stiffness;   /* factors of the step at work */
+    sbi_kept_made made, saved; /* saved: at the start of that */
     sb_real *rotations[2];     /* [rotation_count] as assembly.batch_quats */
     sb_vec3 *positions[2];     /* [node_capacity] (m) of the preconditioner's pieces */
     unsigned char *fixed[2];   /* [node_capacity] */
@@ -512,13 +513,18 @@ SB_INLINE unsigned sbi_body_held(const sb_body *body, int i)
 {
     return body->elimination ? (unsigned)(body->fixed[i] | body->elimination->slave[i]) : body->fixed[i];
 }
-/* ---- step_kept ---- */
+/* ---- body_kept ---- */
 /* Room in `to`, of its own size, for a tangent that it has not made yet; the angle stays what it is. 0: no memory. */
 SBI_API int sbi_kept_take(sb_body *to);
 /* Nothing is kept any more: what the tangent depends on has changed. */
 SBI_API void sbi_kept_forget(sb_body *body);
 /* 1: there is a tangent of the supports of now. */
 SBI_API int sbi_kept_is_valid(const sb_body *body);
+/* The system of a step of these factors and the present shape is made, of a preconditioner that remembered `before`. */
+SBI_API void sbi_kept_note(sb_body *body, sbi_precond_memory before);
+/* What a step that fails gives back: kept, and given back. */
+SBI_API void sbi_kept_save(sb_body *body);
+SBI_API void sbi_kept_restore(sb_body *body);
 /* For whoever uses the body's matrix, preconditioner or support_blocks for something else. */
 SB_INLINE void sbi_kept_spoil(sb_body *body)
 {

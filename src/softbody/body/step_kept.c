@@ -13,70 +13,6 @@
 #include "../solve/sparse_live.h"
 #include "step_private.h"
 
-/* ---- what is kept ---- */
-
-static void sbi_kept_layout(const sb_body *b, sbi_kept *kept, sbi_arena *arena)
-{
-    size_t cells = (size_t)sbi_assembly_cell_room(&b->domain), nodes = (size_t)b->node_capacity;
-    kept->rotation_count = (cells + SB_POLAR_LANES - 1) / SB_POLAR_LANES * 4 * SB_POLAR_LANES;
-    for (int k = 0; k < 2; k++) {
-        kept->rotations[k] = (sb_real *)sbi_arena_take(arena, kept->rotation_count, sizeof(sb_real));
-        kept->positions[k] = (sb_vec3 *)sbi_arena_take(arena, nodes, sizeof(sb_vec3));
-        kept->fixed[k] = (unsigned char *)sbi_arena_take(arena, nodes, 1);
-    }
-}
-
-SBI_API int sbi_kept_take(sb_body *to)
-{
-    sbi_arena arena;
-    sbi_kept *kept, made;
-    memset(&arena, 0, sizeof arena);
-    memset(&made, 0, sizeof made);
-    (void)sbi_arena_take(&arena, 1, sizeof *kept);
-    sbi_kept_layout(to, &made, &arena);
-    if (arena.overflow)
-        return 0;
-    arena.base = (unsigned char *)sbi_alloc_zeroed(&to->allocator, arena.used, 1);
-    if (!arena.base)
-        return 0;
-    arena.used = 0;
-    kept = (sbi_kept *)sbi_arena_take(&arena, 1, sizeof *kept);
-    sbi_kept_layout(to, kept, &arena);
-    for (size_t i = 0; i < kept->rotation_count; i++) /* lanes without a cell stay none that could overflow */
-        kept->rotations[0][i] = kept->rotations[1][i] = (i / SB_POLAR_LANES) % 4 == 0 ? (sb_real)1 : (sb_real)0;
-    to->kept = kept;
-    return 1;
-}
-
-SBI_API void sbi_kept_forget(sb_body *body)
-{
-    if (body->kept)
-        body->kept->made.valid = body->kept->current = 0;
-}
-
-SBI_API int sbi_kept_is_valid(const sb_body *b)
-{
-    const sbi_kept *kept = b->kept;
-    return kept && kept->made.valid &&
-           memcmp(kept->fixed[kept->made.slot], b->fixed, (size_t)b->domain.node_count) == 0;
-}
-
-SBI_API void sbi_kept_save(sb_body *body)
-{
-    if (body->kept)
-        body->kept->saved = body->kept->made;
-}
-
-SBI_API void sbi_kept_restore(sb_body *body)
-{
-    sbi_kept *kept = body->kept;
-    if (!kept)
-        return;
-    if (kept->made.slot != kept->saved.slot)
-        kept->current = 0;
-    kept->made = kept->saved;
-}
-
 /* ---- whether it serves ---- */
 
 static int sbi_kept_has_taken_nodes(const sbi_guests *guests)
@@ -127,11 +63,11 @@ static int sbi_kept_has_turned(const sb_body *b)
     return 0;
 }
 
-static int sbi_kept_serves(const sbi_step *step)
+static int sbi_kept_serves(const sb_body *b)
 {
-    const sbi_kept_made *made = &step->body->kept->made;
-    return sbi_kept_is_valid(step->body) && made->mass == sbi_step_mass_factor(step) &&
-           made->stiffness == sbi_step_stiffness_factor(step) && !sbi_kept_has_turned(step->body);
+    const sbi_kept *kept = b->kept;
+    return sbi_kept_is_valid(b) && kept->made.mass == kept->mass && kept->made.stiffness == kept->stiffness &&
+           !sbi_kept_has_turned(b);
 }
 
 /* ---- of a step ---- */
@@ -169,29 +105,15 @@ SBI_API sb_result sbi_kept_begin(sbi_step *step)
     step->keeps = step->notes = 0;
     if (!sbi_kept_may(step))
         return SB_OK;
-    step->keeps = sbi_kept_serves(step);
+    b->kept->mass = sbi_step_mass_factor(step);
+    b->kept->stiffness = sbi_step_stiffness_factor(step);
+    step->keeps = sbi_kept_serves(b);
     step->notes = !step->keeps;
     if (step->notes || b->kept->current)
         return SB_OK;
     result = sbi_kept_make(step);
     b->kept->current = result == SB_OK;
     return result;
-}
-
-SBI_API void sbi_kept_note(sbi_step *step, sbi_precond_memory before)
-{
-    sb_body *b = step->body;
-    sbi_kept *kept = b->kept;
-    size_t nodes = (size_t)b->domain.node_count;
-    int slot = 1 - kept->made.slot;
-    kept->made.valid = kept->current = 1;
-    kept->made.slot = slot;
-    kept->made.mass = sbi_step_mass_factor(step);
-    kept->made.stiffness = sbi_step_stiffness_factor(step);
-    kept->made.before = before;
-    memcpy(kept->rotations[slot], b->assembly.batch_quats, kept->rotation_count * sizeof(sb_real));
-    memcpy(kept->positions[slot], b->position, nodes * sizeof(sb_vec3));
-    memcpy(kept->fixed[slot], b->fixed, nodes);
 }
 
 /* residual -= A' x0, x0 in body->work: rows of supports are masked in the matrix. */
@@ -226,21 +148,4 @@ SBI_API void sbi_kept_add_coasting(sbi_step *step)
     for (int i = 0; i < n; i++)
         b->residual[i] = sb_v3_madd(b->residual[i], mass, b->work2[i]);
     sbi_kept_subtract_product(b);
-}
-
-/* ---- the setting ---- */
-
-SB_API sb_result sb_body_keep_tangent(sb_body *body, sb_real angle, sb_error *error)
-{
-    if (!body || !(angle >= 0) || !(angle <= 1))
-        return sbi_fail(error, SB_ERROR_ARGUMENT, "a tangent is kept up to an angle of 0 to 1, not %g", (double)angle);
-    if (!body->assembly.batch_quats)
-        return sbi_fail(error, SB_ERROR_UNSUPPORTED, "only bodies of tet4 keep their tangent");
-    if (angle > 0 && !body->kept && !sbi_kept_take(body))
-        return sbi_fail(error, SB_ERROR_MEMORY, "no memory to keep a tangent");
-    sbi_kept_forget(body);
-    if (body->kept)
-        body->kept->angle = angle;
-    sbi_body_tell(body, SBI_COMMAND_KEEP_TANGENT, 0, 0, NULL, 0, &angle, 1);
-    return SB_OK;
 }

@@ -25,22 +25,45 @@ SBI_API sb_vec3 sbi_static_way(const sb_body *body, int node);
  * their motion is held up by (N). part: of the matrix; -1: of all. */
 SBI_API sb_real sbi_static_support_force(const sb_body *body, int part);
 
-/* ---- step_residual.c ---- */
+/* ---- what A and D are made of ---- */
 /* v and a at the present displacement. */
-SBI_API sb_vec3 sbi_step_velocity(const sbi_step *step, int i);
-SBI_API sb_vec3 sbi_step_acceleration(const sbi_step *step, int i);
+SB_INLINE sb_vec3 sbi_step_velocity(const sbi_step *step, int i)
+{
+    const sb_body *b = step->body;
+    return sb_v3_madd(b->velocity0[i], step->cv, sb_v3_sub(b->displacement[i], b->start[i]));
+}
+
+SB_INLINE sb_vec3 sbi_step_acceleration(const sbi_step *step, int i)
+{
+    const sb_body *b = step->body;
+    return sb_v3_madd(b->acceleration0[i], step->ca, sb_v3_sub(b->displacement[i], b->start[i]));
+}
+
+/* Of all the body's mass; 0 where nodes have theirs. */
+SB_INLINE sb_real sbi_step_alpha(const sb_body *b) { return b->regional_damping ? 0 : b->damping_mass; }
+
+/* Of the K of D: 1 where regions have theirs in it. */
+SB_INLINE sb_real sbi_step_beta(const sb_body *b) { return b->regional_damping ? 1 : b->damping_stiffness; }
+
+/* Factor of the mass in A. */
+SB_INLINE sb_real sbi_step_mass_factor(const sbi_step *step)
+{
+    return step->dynamic ? step->ca + sbi_step_alpha(step->body) * step->cv : step->hold;
+}
+
+/* Share of the assembled stiffness in A: damping is part of it in a linearised step. */
+SB_INLINE sb_real sbi_step_stiffness_factor(const sbi_step *step)
+{
+    return step->dynamic && !step->lagged_damping ? 1 + step->body->damping_stiffness * step->cv : 1;
+}
+
+/* ---- step_residual.c ---- */
 /* Internal forces at the present displacement, unless they are current. SB_ERROR_INVERTED. */
 SBI_API sb_result sbi_step_force(sbi_step *step);
 /* matrix = A at the present displacement, whose forces are current. */
 SBI_API void sbi_step_tangent(sbi_step *step, sb_tangent_kind kind);
-/* Factor of the mass in A. */
-SBI_API sb_real sbi_step_mass_factor(const sbi_step *step);
-/* Share of the assembled stiffness in A: damping is part of it in a linearised step. */
-SBI_API sb_real sbi_step_stiffness_factor(const sbi_step *step);
 /* Keeps the stiffness at the start of the step for D. */
 SBI_API sb_result sbi_step_keep_damping(sbi_step *step);
-/* Of the K of D: 1 where regions have theirs in it. */
-SBI_API sb_real sbi_step_beta(const sb_body *body);
 /* out = K x with the K of D. */
 SBI_API void sbi_step_damping_product(const sbi_step *step, const sb_vec3 *x, sb_vec3 *out);
 /* residual = r(u), its norm on the free axes, and the force to compare it with. */
@@ -67,13 +90,8 @@ SBI_API int sbi_step_allows_inversion(const sb_body *body);
 /* Forces are current and no tangent is made yet. step->keeps: none is to be made, the system is there; step->notes: the
  * one to be made may be kept. What the solver refuses. */
 SBI_API sb_result sbi_kept_begin(sbi_step *step);
-/* The system of step->notes is made, of a preconditioner that remembered `before`. */
-SBI_API void sbi_kept_note(sbi_step *step, sbi_precond_memory before);
 /* residual += (A - A') x0 + beta K v0 of step->keeps. */
 SBI_API void sbi_kept_add_coasting(sbi_step *step);
-/* What a step that fails gives back: kept, and given back. */
-SBI_API void sbi_kept_save(sb_body *body);
-SBI_API void sbi_kept_restore(sb_body *body);
 
 /* ---- step_done.c: of static solves ---- */
 /* An increment begins. */

@@ -44,18 +44,6 @@ static sb_real sbi_step_part_norm(const sb_body *body, int part, const sb_vec3 *
     return sb_sqrt((sb_real)sum);
 }
 
-SBI_API sb_vec3 sbi_step_velocity(const sbi_step *step, int i)
-{
-    const sb_body *b = step->body;
-    return sb_v3_madd(b->velocity0[i], step->cv, sb_v3_sub(b->displacement[i], b->start[i]));
-}
-
-SBI_API sb_vec3 sbi_step_acceleration(const sbi_step *step, int i)
-{
-    const sb_body *b = step->body;
-    return sb_v3_madd(b->acceleration0[i], step->ca, sb_v3_sub(b->displacement[i], b->start[i]));
-}
-
 /* ---- one Newton iteration: residual ---- */
 
 SBI_API sb_result sbi_step_force(sbi_step *step)
@@ -74,22 +62,7 @@ SBI_API sb_result sbi_step_force(sbi_step *step)
     return SB_OK;
 }
 
-/* Of all the body's mass; 0 where nodes have theirs. */
-static sb_real sbi_step_alpha(const sb_body *b) { return b->regional_damping ? 0 : b->damping_mass; }
-
-SBI_API sb_real sbi_step_beta(const sb_body *b) { return b->regional_damping ? 1 : b->damping_stiffness; }
-
-SBI_API sb_real sbi_step_mass_factor(const sbi_step *step)
-{
-    return step->dynamic ? step->ca + sbi_step_alpha(step->body) * step->cv : step->hold;
-}
-
-SBI_API sb_real sbi_step_stiffness_factor(const sbi_step *step)
-{
-    return step->dynamic && !step->lagged_damping ? 1 + step->body->damping_stiffness * step->cv : 1;
-}
-
-/* The same of each region; NULL: all have the one above. */
+/* Share of the assembled stiffness in A of each region; NULL: all have the same. */
 static const sb_real *sbi_step_stiffness_factors(const sbi_step *step)
 {
     const sb_body *b = step->body;

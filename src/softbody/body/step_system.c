@@ -206,7 +206,7 @@ static sb_result sbi_step_make_precond(sbi_step *step, sb_matrix *matrix)
     before = sbi_precond_get_memory(precond);
     result = sbi_body_update_precond(b, precond, matrix, &step->guests, &step->info->error);
     if (result == SB_OK && step->notes)
-        sbi_kept_note(step, before);
+        sbi_kept_note(b, before);
     return result;
 }
 
