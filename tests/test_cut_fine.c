@@ -107,6 +107,24 @@ static void test_planes(void)
 
 /* ---- at random --------------------------------------------------------------------------------------------------- */
 
+/* What was followed through all cuts so far is, to the bit, what a skin is that is made of the body as it is now. */
+static void check_made_anew(const block *b, const sb_mesh *skin, const sb_cut_fine *fine)
+{
+    sb_cut_fine *anew = fine_make(b, skin);
+    sb_cut_fine_drawing followed = sb_cut_fine_get(fine), made = sb_cut_fine_get(anew);
+    CHECK_INT(followed.drawn.vertex_count, made.drawn.vertex_count);
+    CHECK_INT(followed.drawn.triangle_count, made.drawn.triangle_count);
+    for (int f = 0; f < made.drawn.triangle_count && made.drawn.tags[f] == SB_CUT_SKIN; f++) {
+        const int *v = made.drawn.triangles[f];
+        CHECK(followed.drawn.tags[f] == SB_CUT_SKIN && memcmp(followed.drawn.triangles[f], v, 3 * sizeof *v) == 0);
+        for (int k = 0; k < 3; k++) {
+            CHECK(memcmp(followed.drawn.rest + v[k], made.drawn.rest + v[k], sizeof(sb_vec3)) == 0);
+            CHECK(memcmp(followed.drawn.positions + v[k], made.drawn.positions + v[k], sizeof(sb_vec3)) == 0);
+        }
+    }
+    sb_cut_fine_destroy(anew);
+}
+
 /* Strokes that end anywhere, with and without glue, and balls that are burnt out: always closed. A state takes all
  * back. */
 static void test_strokes(void)
@@ -146,12 +164,16 @@ static void test_strokes(void)
                 CHECK(memcmp(d.drawn.rest, skin.nodes, (size_t)skin.node_count * sizeof(sb_vec3)) == 0);
                 if (stroke < 3)
                     check_skin(&skin, &d);
+                check_made_anew(&b, &skin, fine);
                 fine_rims_add(&rims, b.cut, fine);
             }
             CHECK_OK(sb_body_state_load(b.body, image, size, NULL));
             CHECK_OK(sb_cut_fine_update(fine, NULL));
             d = sb_cut_fine_get(fine);
             CHECK(d.drawn.vertex_count == vertices && d.open_edges == 0);
+            block_cut_plane(&b, sb_v3(REAL(0.0277), block_size.y / 2, block_size.z / 2), sb_v3(1, REAL(-0.2), 0));
+            CHECK_OK(sb_cut_fine_update(fine, NULL));
+            check_made_anew(&b, &skin, fine);
             free(image);
             sb_cut_fine_destroy(fine);
             sb_mesh_free(&skin);

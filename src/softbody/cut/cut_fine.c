@@ -4,6 +4,7 @@
 
 #include <string.h>
 
+#include "../base/bytes.h"
 #include "../geometry/embed_search.h"
 #include "cut_fine_private.h"
 
@@ -16,20 +17,26 @@ typedef struct sbi_fine_pieces {
     sbi_parted parted;
 } sbi_fine_pieces;
 
+static void sbi_fine_load_pieces(const sb_cut *cut, int tet, sbi_fine_pieces *pieces)
+{
+    int count = 0;
+    if (pieces->tet == tet)
+        return;
+    pieces->tet = tet;
+    sbi_parted_make(&cut->lattice, &cut->links, cut->tets + 4 * (size_t)tet, tet, &pieces->parted);
+    for (int piece = sbi_cut_first_piece(cut, tet); piece >= 0; piece = cut->pieces[piece].next)
+        pieces->cells[count++] = cut->pieces[piece].cell;
+}
+
 /* The cell that has the material there, -1: it was taken out. Points outside of the element count as the nearest ones
  * on its faces, more or less. */
 static int sbi_fine_cell_at(const sb_cut *cut, int tet, const sb_real at[4], sbi_fine_pieces *pieces)
 {
     sb_real inside[4], sum = 0;
-    int piece, count = 0;
+    int piece;
     if (sbi_cut_is_whole(cut, tet))
         return cut->pieces[tet].cell;
-    if (pieces->tet != tet) {
-        pieces->tet = tet;
-        sbi_parted_make(&cut->lattice, &cut->links, cut->tets + 4 * (size_t)tet, tet, &pieces->parted);
-        for (piece = sbi_cut_first_piece(cut, tet); piece >= 0; piece = cut->pieces[piece].next)
-            pieces->cells[count++] = cut->pieces[piece].cell;
-    }
+    sbi_fine_load_pieces(cut, tet, pieces);
     for (int a = 0; a < 4; a++)
         sum += inside[a] = sb_max(at[a], 0);
     for (int a = 0; a < 4; a++)
@@ -46,15 +53,38 @@ static sb_real sbi_fine_find_in(const sb_cut *cut, int tet, sb_vec3 rest, sb_rea
     return sbi_lattice_barycentrics(x, rest, at);
 }
 
+/* Of all that says which cell has the material anywhere in the element of a place. */
+static uint64_t sbi_fine_hash_pieces(const sb_cut *cut, const sbi_fine_place *place, sbi_fine_pieces *pieces,
+                                     uint64_t hash)
+{
+    const sbi_parted *parted = &pieces->parted;
+    hash = sbi_hash_word(hash, (uint64_t)place->cell);
+    if (sbi_cut_is_whole(cut, place->tet))
+        return sbi_hash_word(hash, (uint64_t)cut->pieces[place->tet].cell);
+    sbi_fine_load_pieces(cut, place->tet, pieces);
+    for (int link = 0; link < parted->lattice->link_count; link++) {
+        uint64_t t = 0;
+        if (!parted->cut[link])
+            continue;
+        memcpy(&t, &parted->t[link], sizeof parted->t[link]);
+        hash = sbi_hash_word(hash, ((uint64_t)link << 8) + parted->cut[link]);
+        hash = sbi_hash_word(hash, (uint64_t)parted->rank[link]);
+        hash = sbi_hash_word(hash, t);
+    }
+    for (int point = 0; point < parted->lattice->point_count; point++)
+        hash = sbi_hash_word(hash, parted->piece_of[point]);
+    for (int piece = 0; piece < parted->piece_count; piece++)
+        hash = sbi_hash_word(hash, (uint64_t)pieces->cells[piece]);
+    return hash;
+}
+
 /* Where along an edge, from its first end, the side of that ends: in (0, 1). */
-static sb_real sbi_fine_crossing(const sb_cut_fine *fine, const int ends[2])
+static sb_real sbi_fine_find_crossing(const sb_cut_fine *fine, const int ends[2], sbi_fine_pieces pieces[2])
 {
     enum { HALVINGS = 24 };
     const sb_real least = (sb_real)1e-3;
     const sbi_fine_place *p = fine->places + ends[0], *q = fine->places + ends[1];
     sb_real low = 0, high = 1;
-    sbi_fine_pieces pieces[2];
-    pieces[0].tet = pieces[1].tet = -1;
     for (int i = 0; i < HALVINGS; i++) {
         sb_real middle = (low + high) / 2, at[2][4];
         sb_vec3 x = sb_v3_madd(sb_v3_scale(1 - middle, fine->rest[ends[0]]), middle, fine->rest[ends[1]]);
@@ -66,6 +96,23 @@ static sb_real sbi_fine_crossing(const sb_cut_fine *fine, const int ends[2])
         high = is_first ? high : middle;
     }
     return sb_min(sb_max(low, least), 1 - least);
+}
+
+/* The same, as it was found before where the elements of both ends are as they were then. */
+static sb_real sbi_fine_crossing(sb_cut_fine *fine, int edge)
+{
+    const int *ends = fine->edges[edge];
+    sbi_fine_crossed *known = fine->crossed + edge;
+    sbi_fine_pieces pieces[2];
+    uint64_t hash = 1;
+    pieces[0].tet = pieces[1].tet = -1;
+    for (int k = 0; k < 2; k++)
+        hash = sbi_fine_hash_pieces(fine->cut, fine->places + ends[k], pieces + k, hash);
+    if (known->hash != hash) {
+        known->t = sbi_fine_find_crossing(fine, ends, pieces);
+        known->hash = hash;
+    }
+    return known->t;
 }
 
 /* ---- vertices and triangles ---- */
@@ -257,6 +304,24 @@ static int sbi_fine_reserve_borders(sb_cut_fine *fine, int64_t count)
 
 /* ---- an update ---- */
 
+/* The part of the body that a place moves with, when its cell has the nodes of its element still; else -1. */
+static int sbi_fine_whole_part(const sb_cut *cut, const sbi_fine_place *place)
+{
+    const int *uncut = cut->tets + 4 * (size_t)place->tet, *nodes;
+    if (place->cell < 0)
+        return -1;
+    nodes = sb_body_cell_nodes(cut->body, place->cell);
+    return memcmp(uncut, nodes, 4 * sizeof *nodes) ? -1 : cut->body->node_component[nodes[0]];
+}
+
+/* 1 when the ends of an edge are of pieces that hang together by all nodes that their elements share: what most edges
+ * are, at a glance. */
+static int sbi_fine_is_whole(const sb_cut_fine *fine, const int ends[2])
+{
+    return fine->parts[ends[0]] >= 0 && fine->parts[ends[0]] == fine->parts[ends[1]] &&
+           fine->places[ends[0]].tet != fine->places[ends[1]].tet;
+}
+
 /* Cells of the skin's vertices, and which edges are cut; returns how many. */
 static int sbi_fine_find_cuts(sb_cut_fine *fine)
 {
@@ -266,10 +331,13 @@ static int sbi_fine_find_cuts(sb_cut_fine *fine)
     for (int v = 0; v < fine->vertex_count; v++) {
         sbi_fine_place *place = fine->places + v;
         place->cell = sbi_fine_cell_at(fine->cut, place->tet, place->at, &pieces);
+        fine->parts[v] = sbi_fine_whole_part(fine->cut, place);
     }
     for (int e = 0; e < fine->edge_count; e++) {
         const int *ends = fine->edges[e];
-        fine->is_cut[e] = (unsigned char)sbi_fine_are_apart(fine->cut, fine->places + ends[0], fine->places + ends[1]);
+        int is_cut = !sbi_fine_is_whole(fine, ends) &&
+                     sbi_fine_are_apart(fine->cut, fine->places + ends[0], fine->places + ends[1]);
+        fine->is_cut[e] = (unsigned char)is_cut;
         count += fine->is_cut[e];
     }
     return count;
@@ -301,7 +369,7 @@ static void sbi_fine_add_vertices(sb_cut_fine *fine)
     }
     for (int e = 0; e < fine->edge_count; e++) {
         const int *ends = fine->edges[e];
-        sb_real t = fine->is_cut[e] ? sbi_fine_crossing(fine, ends) : 0;
+        sb_real t = fine->is_cut[e] ? sbi_fine_crossing(fine, e) : 0;
         for (int k = 0; k < 2 && fine->is_cut[e]; k++) {
             int corners[3];
             sb_real weights[3];
@@ -433,8 +501,10 @@ static sb_result sbi_fine_take_skin(sb_cut_fine *fine, const sb_mesh *skin, sb_e
     fine->is_border = (unsigned char *)sbi_alloc_zeroed(&fine->allocator, 3 * faces, 1);
     fine->places = (sbi_fine_place *)sbi_alloc(&fine->allocator, vertices, sizeof *fine->places);
     fine->rest = (sb_vec3 *)sbi_alloc(&fine->allocator, vertices, sizeof(sb_vec3));
+    fine->parts = (int *)sbi_alloc(&fine->allocator, vertices, sizeof(int));
+    fine->crossed = (sbi_fine_crossed *)sbi_alloc_zeroed(&fine->allocator, 3 * faces, sizeof *fine->crossed);
     if (!fine->faces || !fine->sides || !fine->edges || !fine->seams || !fine->is_cut || !fine->is_border ||
-        !fine->places || !fine->rest)
+        !fine->places || !fine->rest || !fine->parts || !fine->crossed)
         return sbi_fail(error, SB_ERROR_MEMORY, "no memory for a skin of %d triangles", skin->element_count);
     memcpy(fine->faces, skin->elements, faces * sizeof *fine->faces);
     memcpy(fine->rest, skin->nodes, vertices * sizeof(sb_vec3));
@@ -528,6 +598,8 @@ SB_API void sb_cut_fine_destroy(sb_cut_fine *fine)
     sbi_free(&allocator, fine->is_border);
     sbi_free(&allocator, fine->places);
     sbi_free(&allocator, fine->rest);
+    sbi_free(&allocator, fine->parts);
+    sbi_free(&allocator, fine->crossed);
     sbi_free(&allocator, fine->lip_vertices);
     sbi_free(&allocator, fine->seam_edges);
     sbi_free(&allocator, fine->lip_edges);

@@ -32,6 +32,12 @@ typedef struct sbi_fine_border {
     int from, to, cell;
 } sbi_fine_border;
 
+/* Where a cut edge is crossed, and a hash of all that this follows from: 0, none. */
+typedef struct sbi_fine_crossed {
+    uint64_t hash;
+    sb_real t;
+} sbi_fine_crossed;
+
 struct sb_cut_fine {
     sb_cut *cut;
     sb_cut_surface *surface;
@@ -43,6 +49,8 @@ struct sb_cut_fine {
     int (*edges)[2];                          /* [edge_count] */
     sbi_fine_place *places;                   /* [vertex_count] at rest */
     sb_vec3 *rest;                            /* [vertex_count] */
+    int *parts;                               /* [vertex_count] part of the body; -1: beside a cut, or taken out */
+    sbi_fine_crossed *crossed;                /* [edge_count] */
     unsigned char *is_cut;                    /* [edge_count] */
     unsigned char *is_border;                 /* [edge_count] 1: it has one triangle, or three, ... */
     int (*seams)[2];                          /* [edge_count] vertices on the sides of a cut edge's ends; -1: none */
