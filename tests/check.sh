@@ -42,7 +42,7 @@ counted "tests under the address and undefined-behaviour sanitizers" "$make sani
 counted "warnings, split build, order of calls, linkage" "$make lint LINT_OPTIMISED= $(few "LINTS='gcc-float clangxx-double'")"
 counted "tests in double, each with 128 kB of stack and bad operations as signals" "$make test-host"
 counted "examples, README, fuzz corpus" "$make test-programs"
-counted "tests in float" "CHECK_QUICK=1 CHECK_SHORT=1 $make test-float FILTER='\$(SLOW)'"
+counted "tests in float" "CHECK_QUICK=1 CHECK_SHORT=1 $make test-float FILTER='\$(SLOW) \$(SLOWER)'"
 counted "the headers from Python and C#" "$make test-bindings"
 counted "the page in a browser" "$make test-page PAGE_CFLAGS=-O1"
 counted "fuzz targets" "$make fuzz FUZZ_SECONDS=1 FUZZ_CFLAGS=-O0"

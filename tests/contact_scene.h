@@ -100,4 +100,17 @@ static inline sb_tool_def press_plane(double friction, sb_vec3 at, int down)
     return def;
 }
 
+/* Steps that may fail, but leave all as it was then, and finite. Returns 1 when it did not fail. */
+static inline int press_try_step(const press *p, double dt)
+{
+    uint64_t hash = sb_body_state_hash(p->body);
+    sb_step_info info;
+    sb_result result = sb_body_step(p->body, REAL(dt), &info);
+    CHECK(scene_all_finite(sb_body_positions(p->body), p->mesh.node_count));
+    CHECK(scene_all_finite(sb_body_velocities(p->body), p->mesh.node_count));
+    if (result != SB_OK)
+        CHECK(sb_body_state_hash(p->body) == hash && info.error.result == result && info.error.message[0]);
+    return result == SB_OK;
+}
+
 #endif /* CONTACT_SCENE_H */

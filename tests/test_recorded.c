@@ -140,6 +140,11 @@ static sb_result act_region_damping(actor *a)
     return sb_body_set_region_damping(a->body, 0, REAL(0.3), beta_of(a->how) / 3, &a->error);
 }
 static sb_result act_solver(actor *a) { return sb_body_set_solver(a->body, REAL(1e-4), 100); }
+static sb_result act_keep_tangent(actor *a)
+{
+    sb_result result = sb_body_keep_tangent(a->body, REAL(0.05), &a->error);
+    return a->how->element != SB_TET4 && CHECK_RESULT(result, SB_ERROR_UNSUPPORTED) ? SB_OK : result;
+}
 static sb_result act_fix(actor *a) { return sb_body_fix_nodes(a->body, a->free_nodes, 2, SB_Y | SB_Z); }
 static sb_result act_prescribe(actor *a)
 {
@@ -603,6 +608,7 @@ static const act acts[] = {
     {"sb_body_set_damping", act_damping, ACTOR_LOADED},
     {"sb_body_set_region_damping", act_region_damping, ACTOR_LOADED},
     {"sb_body_set_solver", act_solver, ACTOR_LOADED},
+    {"sb_body_keep_tangent", act_keep_tangent, ACTOR_PLAIN},
     {"sb_body_change_begin", act_change, ACTOR_LOADED},
     {"sb_embedding_follow", act_embed, ACTOR_PLAIN},
     {"sb_body_listen", act_listen, ACTOR_PLAIN},

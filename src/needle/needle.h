@@ -210,7 +210,10 @@ typedef struct ndl_step_info {
  * motion that friction leaves in the tissue. Measured (nitinol needle 3.5 cm deep in 50 kPa, push 1.20 N, steps of 20
  * ms): half a second after the stop the force stays within 1e-4 N with the two; with SB_NEWMARK it goes on ringing by 5
  * mN, without damping_stiffness by 0.34 N; with spectral_radius 0.8 it jumps by up to 0.45 N from step to step while
- * the needle moves (0.007 N with 0). */
+ * the needle moves (0.007 N with 0).
+ *
+ * Steps of a millisecond, as hands ask for, take some 0.6 of the time with NDL_EMBED in a body of tet4 that keeps its
+ * tangent (sb_body_keep_tangent), and the force on the base stays the same to a millionth. */
 NDL_API sb_result ndl_step(sb_body *body, ndl_needle *const *needles, int count, sb_real dt,
                            const ndl_command *commands, ndl_step_info *info, sb_error *error);
 

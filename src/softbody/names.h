@@ -217,6 +217,7 @@
 #define sb_body_set_damping sb_body_set_damping_f32
 #define sb_body_set_region_damping sb_body_set_region_damping_f32
 #define sb_body_set_solver sb_body_set_solver_f32
+#define sb_body_keep_tangent sb_body_keep_tangent_f32
 #define sb_body_hold sb_body_hold_f32
 #define sb_body_place sb_body_place_f32
 #define sb_body_place_rigid sb_body_place_rigid_f32

@@ -6,6 +6,7 @@
  *     needle_program    the same, for 6 s, then turned by half a turn at rest, fed for 2 s and drawn out
  *     needle_1khz       the same needle fed for 1 s, dt 1 ms
  *     needle_held, needle_held_1khz   the first and the last with NDL_EMBED, the default of needles
+ *     needle_kept, needle_kept_1khz   these with tangents that are kept until an element has turned by 0.05
  *
  * One line per workload:
  *     name n_dof median_ms min_ms p99_ms max_ms iterations bytes warm checksum | body couple needle remesh (mean ms);
@@ -38,13 +39,21 @@ static size_t bytes_given;
 
 enum { WARM = 50, MOST_STEPS = 1000 };
 
+/* How a scene is stepped. */
+typedef struct way {
+    ndl_follow follow;
+    sb_real angle; /* that tangents are kept up to */
+} way;
+
+static const way remeshes = {NDL_REMESH, 0}, embeds = {NDL_EMBED, 0}, keeps = {NDL_EMBED, (sb_real)0.05};
+
 /* tolerance 0: the phantom's. */
-static int make_scene(phantom *p, ndl_follow follow, sb_real tolerance)
+static int make_scene(phantom *p, way how, sb_real tolerance)
 {
     sb_body_def def = phantom_default_body_def();
     sb_error error;
     memset(p, 0, sizeof *p);
-    p->follow = follow;
+    p->follow = how.follow;
     def.clock = now;
     def.tolerance = tolerance > 0 ? tolerance : def.tolerance;
     def.max_iterations = 5000;
@@ -52,7 +61,9 @@ static int make_scene(phantom *p, ndl_follow follow, sb_real tolerance)
     def.jobs = jobs_asked_for();
     bytes_given = 0;
     return phantom_make_mesh(&p->mesh, &error) == SB_OK && phantom_survey(p, &error) == SB_OK &&
-           phantom_make_tissue(p, &def, &error) == SB_OK && phantom_make_needle(p, 7, sb_v3(0, 0, 0), &error) == SB_OK;
+           phantom_make_tissue(p, &def, &error) == SB_OK &&
+           (how.angle == 0 || sb_body_keep_tangent(p->tissue, how.angle, &error) == SB_OK) &&
+           phantom_make_needle(p, 7, sb_v3(0, 0, 0), &error) == SB_OK;
 }
 
 static ndl_command insert(int step)
@@ -77,11 +88,11 @@ static ndl_command program(int step)
 }
 
 /* Sum of |u| after a run. */
-static double sum_displacements(ndl_follow follow, ndl_command (*command_at)(int step), double dt, int steps)
+static double sum_displacements(way how, ndl_command (*command_at)(int step), double dt, int steps)
 {
     double sum = 0;
     phantom p;
-    if (!make_scene(&p, follow, (sb_real)1e-8))
+    if (!make_scene(&p, how, (sb_real)1e-8))
         return 0;
     for (int k = 0; k < steps; k++) {
         ndl_command command = command_at(k);
@@ -93,14 +104,14 @@ static double sum_displacements(ndl_follow follow, ndl_command (*command_at)(int
     return sum;
 }
 
-static void run(const char *name, ndl_follow follow, ndl_command (*command_at)(int step), double dt, int steps)
+static void run(const char *name, way how, ndl_command (*command_at)(int step), double dt, int steps)
 {
     static double times[MOST_STEPS];
     double phases[4] = {0, 0, 0, 0};
     int iterations = 0, trials = 0, most = 0, consistent = 0, counted = steps - WARM, n_dof;
     size_t bytes = 0, warm;
     phantom p;
-    if (!make_scene(&p, follow, 0)) {
+    if (!make_scene(&p, how, 0)) {
         printf("%s: no scene\n", name);
         return;
     }
@@ -130,7 +141,7 @@ static void run(const char *name, ndl_follow follow, ndl_command (*command_at)(i
     qsort(times, (size_t)counted, sizeof times[0], ascending);
     printf("%s %d %.3f %.3f %.3f %.3f %.1f %lu %lu %.9g | %.3f %.3f %.3f %.3f; %.2f/%d; %.2f\n", name, n_dof,
            times[counted / 2], times[0], times[counted * 99 / 100], times[counted - 1], (double)iterations / counted,
-           (unsigned long)bytes, (unsigned long)warm, sum_displacements(follow, command_at, dt, steps), phases[0],
+           (unsigned long)bytes, (unsigned long)warm, sum_displacements(how, command_at, dt, steps), phases[0],
            phases[1], phases[2], phases[3], (double)trials / counted, most, 100.0 * consistent / counted);
 }
 
@@ -169,7 +180,7 @@ static void compare_iterations(int steps)
 {
     int with = 0, without = 0;
     phantom p, twin;
-    if (!make_scene(&p, NDL_REMESH, 0) || !make_scene(&twin, NDL_REMESH, 0)) {
+    if (!make_scene(&p, remeshes, 0) || !make_scene(&twin, remeshes, 0)) {
         printf("no scene\n");
         return;
     }
@@ -203,7 +214,7 @@ static int feel_run(sb_real tolerance, feel *felt, int steps)
 {
     int iterations = 0, operations = 0;
     phantom p;
-    if (!make_scene(&p, NDL_REMESH, tolerance))
+    if (!make_scene(&p, remeshes, tolerance))
         return 0;
     for (int k = 0; k < steps; k++) {
         const ndl_rod *rod = ndl_needle_rod(p.needle);
@@ -248,11 +259,13 @@ int main(int argc, char **argv)
     } else if (argc > 1 && strcmp(argv[1], "accuracy") == 0) {
         compare_accuracy(400);
     } else {
-        run("needle_prostate", NDL_REMESH, insert, 0.02, 400);
-        run("needle_program", NDL_REMESH, program, 0.02, 600);
-        run("needle_1khz", NDL_REMESH, insert, 0.001, 1000);
-        run("needle_held", NDL_EMBED, insert, 0.02, 400);
-        run("needle_held_1khz", NDL_EMBED, insert, 0.001, 1000);
+        run("needle_prostate", remeshes, insert, 0.02, 400);
+        run("needle_program", remeshes, program, 0.02, 600);
+        run("needle_1khz", remeshes, insert, 0.001, 1000);
+        run("needle_held", embeds, insert, 0.02, 400);
+        run("needle_held_1khz", embeds, insert, 0.001, 1000);
+        run("needle_kept", keeps, insert, 0.02, 400);
+        run("needle_kept_1khz", keeps, insert, 0.001, 1000);
     }
     return 0;
 }

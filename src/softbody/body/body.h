@@ -145,6 +145,17 @@ SB_API sb_result sb_body_set_damping(sb_body *body, sb_real alpha, sb_real beta)
 SB_API sb_result sb_body_set_region_damping(sb_body *body, int region, sb_real alpha, sb_real beta, sb_error *error);
 /* Tolerance in (0, 1) and cap (>= 1) of a step's linear solve. */
 SB_API sb_result sb_body_set_solver(sb_body *body, sb_real tolerance, int max_iterations);
+/* Lets linearised steps (max_newton 1) go on with the tangent and the preconditioner of a step before, which are most
+ * of what a step costs that moves little. angle (rad, 0 to 1): they are made anew once an element has turned by more
+ * since; 0, as bodies are made: in each step. 0.02 to 0.1 serve. Forces and damping are those of the present shape in
+ * any case, and so is the tangent times the way that nodes coast: a step is off by about the angle times what its
+ * motion changes by within it, and bodies come to rest where they would otherwise. What is kept is part of the state.
+ * Made anew in each step all the same: where materials are not all SB_COROTATED, where there are constraints, loads
+ * that follow the body (springs, pressures, mappings, cables), tools, contact, damping by region, glue or supports that
+ * move, with multigrid, and by needles with NDL_REMESH; and once after each change of dt, supports, materials or mesh.
+ * Allocates; the steps do not. SB_ERROR_ARGUMENT, SB_ERROR_UNSUPPORTED (elements other than tet4), SB_ERROR_MEMORY
+ * change nothing; error may be NULL. */
+SB_API sb_result sb_body_keep_tangent(sb_body *body, sb_real angle, sb_error *error);
 
 /* ---- supports ----
  * Calls on nodes say what went wrong in an sb_error, their last argument, which may be NULL, and change nothing then;

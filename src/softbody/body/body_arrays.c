@@ -171,6 +171,7 @@ SBI_API void sbi_body_release(sb_body *body)
     sb_index_lists_free(&body->node_elements);
     sbi_assembly_free(&body->assembly, &allocator);
     sb_domain_free(&body->domain);
+    sbi_free(&allocator, body->kept);
     sbi_free(&allocator, body->fibres);
     sbi_free(&allocator, body->second_fibres);
     sbi_free(&allocator, body->substep_room);

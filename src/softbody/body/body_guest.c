@@ -252,6 +252,7 @@ SBI_API sb_result sbi_body_factor(sb_body *b, sb_real hold, sb_vec3 *residual, s
         return result;
     for (int i = 0; i < b->domain.node_count; i++)
         residual[i] = sb_v3_sub(b->internal[i], sb_v3_madd(b->dead_load[i], b->load_mass[i], b->gravity));
+    sbi_kept_spoil(b);
     sbi_assembly_tangent(&b->assembly, b->displacement, SB_TANGENT_QUASI, 1, &b->matrix);
     sbi_body_add_mass(b, sbi_body_hold_factor(b, hold));
     sb_matrix_constrain(&b->matrix, b->fixed, NULL, NULL);

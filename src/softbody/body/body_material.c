@@ -322,6 +322,7 @@ static void sbi_body_tell_material(sb_body *body, int all, int region, const sb_
 SBI_API void sbi_body_materials_changed(sb_body *body)
 {
     sbi_assembly_set_materials(&body->assembly, body->materials, body->material_count, body->cell_material);
+    sbi_kept_forget(body);
     if (body->live) {
         sbi_live_stiffen_slivers(body);
         sbi_live_stiffen_glue(body);

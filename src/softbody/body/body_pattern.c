@@ -243,6 +243,7 @@ SBI_API void sbi_body_take_pattern(sb_body *body, sbi_body_pattern *pattern)
         sbi_body_update_mass(body);
     }
     body->pattern_version++;
+    sbi_kept_forget(body);
     memset(pattern, 0, sizeof *pattern);
 }
 
@@ -271,6 +272,7 @@ SBI_API sb_real sbi_body_poisson(const sb_body *body)
 SBI_API sb_result sbi_body_update_precond(sb_body *body, sb_preconditioner *precond, sb_matrix *matrix,
                                           const sbi_guests *guests, sb_error *error)
 {
+    sbi_kept_spoil(body);
     sbi_precond_set_poisson(precond, sbi_body_poisson(body));
     return sbi_pcg_update_preconditioner(precond, matrix, body->position, guests, &body->pcg, error);
 }

@@ -92,6 +92,22 @@ typedef struct sbi_step_guard {
     double energy;       /* what the body has left of what it was given (J): more cannot be in its motion */
 } sbi_step_guard;
 
+/* What steps keep of their tangent, see step_kept.c. Of two places of each array made.slot tells the present one. */
+typedef struct sbi_kept_made {
+    int valid, slot;
+    sb_real mass, stiffness;   /* its factors, as sbi_step has them */
+    sbi_precond_memory before; /* what the preconditioner remembered when it was made of it */
+} sbi_kept_made;
+typedef struct sbi_kept {
+    sb_real angle; /* rad: elements that have turned by more ask for another one; 0: each step makes its own */
+    int current;   /* 1: body->matrix, support_blocks and precond are what follows from `made` */
+    size_t rotation_count;
+    sbi_kept_made made, saved; /* saved: at the start of the step at work */
+    sb_real *rotations[2];     /* [rotation_count] as assembly.batch_quats */
+    sb_vec3 *positions[2];     /* [node_capacity] (m) of the preconditioner's pieces */
+    unsigned char *fixed[2];   /* [node_capacity] */
+} sbi_kept;
+
 /* A call that changed a body, as its observer hears of it. A new mutator gets a code here, tells its body, and gets a
  * row in the replay table of record.c. Codes stand in files: never change one. */
 typedef enum sbi_command_code {
@@ -138,6 +154,7 @@ typedef enum sbi_command_code {
                                  * stiffness, toe strain, weights */
     SBI_COMMAND_CABLE = 38,     /* a: load; reals: rest length, stiffness */
     SBI_COMMAND_POSE = 39,      /* ints: nodes; reals: centre, position, quaternion (w x y z) */
+    SBI_COMMAND_KEEP_TANGENT = 40, /* reals: angle */
     SBI_COMMAND_COUNT
 } sbi_command_code;
 
@@ -260,6 +277,7 @@ struct sb_body {
     sb_real acceleration_step; /* s, of the step that left the acceleration; 0: no matter */
     int force_current;         /* 1: internal holds the force at displacement */
     sbi_step_guard guard;
+    sbi_kept *kept; /* NULL: no step has been asked to keep anything */
 
     /* vectors of a solve, [node_count] each */
     sb_vec3 *internal;     /* internal force (N) */
@@ -494,6 +512,20 @@ SB_INLINE unsigned sbi_body_held(const sb_body *body, int i)
 {
     return body->elimination ? (unsigned)(body->fixed[i] | body->elimination->slave[i]) : body->fixed[i];
 }
+/* ---- step_kept ---- */
+/* Room in `to`, of its own size, for a tangent that it has not made yet; the angle stays what it is. 0: no memory. */
+SBI_API int sbi_kept_take(sb_body *to);
+/* Nothing is kept any more: what the tangent depends on has changed. */
+SBI_API void sbi_kept_forget(sb_body *body);
+/* 1: there is a tangent of the supports of now. */
+SBI_API int sbi_kept_is_valid(const sb_body *body);
+/* For whoever uses the body's matrix, preconditioner or support_blocks for something else. */
+SB_INLINE void sbi_kept_spoil(sb_body *body)
+{
+    if (body->kept)
+        body->kept->current = 0;
+}
+
 /* Points of an element that others may see: its mean point is ours. */
 SB_INLINE int sbi_body_points(const sb_body *body) { return body->domain.points_per_cell - body->domain.mean_points; }
 /* F, mean points last, and Cauchy stresses (Pa) at the points of an element; where there is no stress it is 0, and

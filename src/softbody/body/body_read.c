@@ -206,6 +206,7 @@ static int sbi_body_tangent_product(sb_body *body, sb_tangent_kind kind, const s
     int bad;
     if (x && kind == SB_TANGENT_QUASI && sbi_assembly_multiply(&body->assembly, x, y))
         return -1;
+    sbi_kept_spoil(body);
     bad = sbi_assembly_tangent(&body->assembly, body->displacement, kind, 1, &body->matrix);
     if (x && bad < 0)
         sb_matrix_multiply(&body->matrix, &x[0].x, &y[0].x, &body->jobs);

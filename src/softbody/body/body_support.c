@@ -158,6 +158,7 @@ SBI_API sb_result sbi_body_reserve_support_blocks(sb_body *body, int needed)
     blocks = sbi_alloc(&body->allocator, (size_t)capacity, 9 * sizeof(sb_real));
     if (!blocks)
         return SB_ERROR_MEMORY;
+    sbi_kept_spoil(body);
     sbi_free(&body->allocator, body->support_blocks);
     body->support_blocks = (sb_real(*)[9])blocks;
     body->support_capacity = capacity;

@@ -244,6 +244,10 @@ static sb_result sbi_live_make_rest(const sb_body *body, const sbi_live_mesh *me
     result = sbi_body_prepare_assembly(next, error);
     if (result != SB_OK)
         return result;
+    if (body->kept && !sbi_kept_take(next))
+        return sbi_live_no_memory(error, domain->node_count);
+    if (next->kept)
+        next->kept->angle = body->kept->angle;
     sbi_body_label_nodes(next);
     result = sbi_body_remake_preconditioner(next, body->precond, error);
     if (result == SB_OK)

@@ -609,6 +609,7 @@ static void sbi_live_follow_all(sbi_live_following *work)
     memset(&body->guard, 0, sizeof body->guard);
     body->pattern_version++;
     body->live->version++;
+    sbi_kept_forget(body);
     sbi_live_forget(body, out);
     if (work->first >= 0)
         sbi_live_keep_momentum(body, out, &work->before);

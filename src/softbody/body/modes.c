@@ -489,6 +489,7 @@ static sb_result sbi_modes_prepare(sbi_modes *m)
     sb_result result = sbi_modes_assemble(m);
     if (result != SB_OK)
         return result;
+    sbi_kept_spoil(b);
     if (b->load_count)
         sbi_loads_add_tangent(b, b->displacement, m->options->at_present ? SB_TANGENT_EXACT : SB_TANGENT_SPD, 1,
                               matrix);

@@ -449,6 +449,11 @@ static sb_result sbi_play_region_damping(sb_body *body, const sbi_command *c, sb
     return sb_body_set_region_damping(body, c->a, c->reals[0], c->reals[1], error);
 }
 
+static sb_result sbi_play_keep_tangent(sb_body *body, const sbi_command *c, sb_error *error)
+{
+    return sb_body_keep_tangent(body, c->reals[0], error);
+}
+
 static sb_result sbi_play_fibres(sb_body *body, const sbi_command *c, sb_error *error)
 {
     if (c->real_count != (c->a ? 3 * (size_t)body->domain.cell_count : 0))
@@ -686,6 +691,7 @@ static const sbi_record_rule sbi_record_rules[] = {
     {SBI_COMMAND_ADD_CABLE, "new cable", SBI_INTS_ANY, SBI_REALS_ANY, sbi_play_add_cable},
     {SBI_COMMAND_CABLE, "cable", 0, 2, sbi_play_cable},
     {SBI_COMMAND_POSE, "pose", SBI_INTS_ANY, 10, sbi_play_pose},
+    {SBI_COMMAND_KEEP_TANGENT, "kept tangent", 0, 1, sbi_play_keep_tangent},
     {SBI_COMMAND_PART_STEP, "step of a part", SBI_INTS_ANY, SBI_REALS_ANY, sbi_play_part},
 };
 

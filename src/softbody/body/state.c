@@ -1142,23 +1142,44 @@ static sb_quat sbi_state_rotation(sbi_state_walk *walk, sb_quat q, int cell)
 }
 
 /* Where the batched loops keep the four numbers of a cell's rotation, SB_POLAR_LANES apart. */
-static sb_real *sbi_state_batch_quat(const sbi_assembly *assembly, int cell)
+static sb_real *sbi_state_batch_quat(sb_real *quats, int cell)
 {
-    return assembly->batch_quats + (size_t)(cell / SB_POLAR_LANES) * 4 * SB_POLAR_LANES + cell % SB_POLAR_LANES;
+    return quats + (size_t)(cell / SB_POLAR_LANES) * 4 * SB_POLAR_LANES + cell % SB_POLAR_LANES;
 }
 
 /* All of them in passes over a body; 0: one by one. */
-static int sbi_state_give_quats(sbi_state_walk *walk, const sbi_assembly *assembly, int cells)
+static int sbi_state_give_quats(sbi_state_walk *walk, sb_real *quats, int cells)
 {
     unsigned char *out;
     if (!sbi_state_place(walk, (size_t)cells, sizeof(sb_quat), &out))
         return 0;
     for (int e = 0; out && e < cells; e++, out += sizeof(sb_quat)) {
-        const sb_real *at = sbi_state_batch_quat(assembly, e);
+        const sb_real *at = sbi_state_batch_quat(quats, e);
         sb_quat q = sb_quat_make(at[0], at[SB_POLAR_LANES], at[2 * SB_POLAR_LANES], at[3 * SB_POLAR_LANES]);
         memcpy(out, &q, sizeof q);
     }
     return 1;
+}
+
+/* Rotations of the batched loops; an image's go to `to`. */
+static void sbi_state_batch_quats(sbi_state_walk *walk, sb_real *quats, sb_real *to, int cells)
+{
+    if (sbi_state_give_quats(walk, quats, cells) ||
+        (walk->pass != SBI_STATE_READ && sbi_state_skip(walk, (size_t)cells, sizeof(sb_quat))))
+        return;
+    for (int e = 0; e < cells && walk->result == SB_OK; e++) {
+        const sb_real *from = sbi_state_batch_quat(quats, e);
+        sb_quat q = sb_quat_make(from[0], from[SB_POLAR_LANES], from[2 * SB_POLAR_LANES], from[3 * SB_POLAR_LANES]);
+        sb_real *at = sbi_state_batch_quat(to, e);
+        if (!sbi_state_bulk(walk, &q, 1, sizeof q))
+            q = sbi_state_rotation(walk, q, e);
+        if (walk->pass != SBI_STATE_READ)
+            continue;
+        at[0] = q.w;
+        at[SB_POLAR_LANES] = q.x;
+        at[2 * SB_POLAR_LANES] = q.y;
+        at[3 * SB_POLAR_LANES] = q.z;
+    }
 }
 
 /* Warm starts. Both kinds where there are both: a change of material makes the body go over to the other one. What
@@ -1175,21 +1196,8 @@ static void sbi_state_rotations(sb_body *body, sbi_state_walk *walk)
             if (walk->pass == SBI_STATE_READ)
                 *at = q;
         }
-    if (!assembly->batch_quats || sbi_state_give_quats(walk, assembly, cells) ||
-        (walk->pass != SBI_STATE_READ && sbi_state_skip(walk, (size_t)cells, sizeof(sb_quat))))
-        return;
-    for (int e = 0; e < cells && walk->result == SB_OK; e++) {
-        sb_real *at = sbi_state_batch_quat(assembly, e);
-        sb_quat q = sb_quat_make(at[0], at[SB_POLAR_LANES], at[2 * SB_POLAR_LANES], at[3 * SB_POLAR_LANES]);
-        if (!sbi_state_bulk(walk, &q, 1, sizeof q))
-            q = sbi_state_rotation(walk, q, e);
-        if (walk->pass != SBI_STATE_READ)
-            continue;
-        at[0] = q.w;
-        at[SB_POLAR_LANES] = q.x;
-        at[2 * SB_POLAR_LANES] = q.y;
-        at[3 * SB_POLAR_LANES] = q.z;
-    }
+    if (assembly->batch_quats)
+        sbi_state_batch_quats(walk, assembly->batch_quats, assembly->batch_quats, cells);
 }
 
 /* What Prony terms remember: as many terms at every point, 0 for those that its material does not have. */
@@ -1232,12 +1240,8 @@ static void sbi_state_guard(sb_body *body, sbi_state_walk *walk)
         body->guard = guard;
 }
 
-/* What a preconditioner learnt; NULL in passes over an image that have none yet. */
-static void sbi_state_memory_of(sbi_state_walk *walk, sb_preconditioner *precond)
+static sbi_precond_memory sbi_state_memory(sbi_state_walk *walk, sbi_precond_memory memory)
 {
-    sbi_precond_memory memory = {0, 0, 0};
-    if (precond)
-        memory = sbi_precond_get_memory(precond);
     memory.shift = sbi_state_double(walk, memory.shift);
     memory.successes = sbi_state_int(walk, memory.successes, 0, INT32_MAX, "preconditioner successes");
     memory.wait = sbi_state_int(walk, memory.wait, 0, INT32_MAX, "preconditioner wait");
@@ -1246,11 +1250,69 @@ static void sbi_state_memory_of(sbi_state_walk *walk, sb_preconditioner *precond
                                         "the saved preconditioner's shift %g or wait %d "
                                         "is out of range",
                                         memory.shift, memory.wait));
+    return memory;
+}
+
+/* What a preconditioner learnt; NULL in passes over an image that have none yet. */
+static void sbi_state_memory_of(sbi_state_walk *walk, sb_preconditioner *precond)
+{
+    sbi_precond_memory memory = {0, 0, 0};
+    if (precond)
+        memory = sbi_precond_get_memory(precond);
+    memory = sbi_state_memory(walk, memory);
     if (walk->pass == SBI_STATE_READ)
         sbi_precond_set_memory(precond, memory);
 }
 
 static void sbi_state_precond(sb_body *body, sbi_state_walk *walk) { sbi_state_memory_of(walk, body->precond); }
+
+/* ---- a tangent that steps keep ---- */
+
+static int sbi_state_keeps(const sb_body *body) { return body->kept && body->kept->angle > 0; }
+
+static void sbi_state_check_kept(sbi_state_walk *walk, sb_real angle, const sbi_kept_made *made)
+{
+    if (sbi_state_checks(walk) && (!(angle > 0) || !(angle <= 1) || !(made->mass >= 0) || !sb_is_finite(made->mass) ||
+                                   !(made->stiffness > 0) || !sb_is_finite(made->stiffness)))
+        sbi_state_refuse(walk, sbi_fail(walk->error, SB_ERROR_FORMAT,
+                                        "the saved tangent has an angle of %g, and factors of %g and %g", (double)angle,
+                                        (double)made->mass, (double)made->stiffness));
+}
+
+/* Of a body that keeps nothing yet: what it would keep now, so that the size is the same. */
+static void sbi_state_kept(sb_body *body, sbi_state_walk *walk)
+{
+    sbi_kept *kept = body->kept;
+    int valid = sbi_kept_is_valid(body), reads = walk->pass == SBI_STATE_READ, slot = kept ? kept->made.slot : 0;
+    sbi_kept_made made;
+    sb_real angle = sbi_state_real(walk, kept ? kept->angle : 0);
+    sb_vec3 *positions = valid || reads ? kept->positions[slot] : body->position;
+    sb_real *rotations = valid || reads ? kept->rotations[slot] : body->assembly.batch_quats;
+    if (walk->pass == SBI_STATE_CHECK && !body->assembly.batch_quats)
+        sbi_state_refuse(walk, sbi_fail(walk->error, SB_ERROR_FORMAT, "only bodies of tet4 keep their tangent"));
+    if (walk->pass == SBI_STATE_RESERVE && !kept && !sbi_kept_take(body))
+        sbi_state_refuse(walk, sbi_fail(walk->error, SB_ERROR_MEMORY, "no memory to keep a tangent"));
+    if (walk->result != SB_OK)
+        return;
+    memset(&made, 0, sizeof made);
+    made.stiffness = 1;
+    made.before = sbi_precond_get_memory(body->precond);
+    made = valid ? kept->made : made;
+    made.valid = sbi_state_int(walk, made.valid, 0, 1, "mark of a tangent");
+    made.mass = sbi_state_real(walk, made.mass);
+    made.stiffness = sbi_state_real(walk, made.stiffness);
+    sbi_state_check_kept(walk, angle, &made);
+    made.before = sbi_state_memory(walk, made.before);
+    sbi_state_vectors(walk, positions, body->domain.node_count, SBI_STATE_FINITE, "position under a tangent");
+    sbi_state_batch_quats(walk, rotations, rotations, body->domain.cell_count);
+    if (!reads)
+        return;
+    made.slot = slot;
+    kept->angle = angle;
+    kept->current = 0;
+    kept->made = kept->saved = made;
+    memcpy(kept->fixed[slot], body->fixed, (size_t)body->domain.node_count);
+}
 
 /* ---- a mesh that may change ---- */
 
@@ -1615,6 +1677,7 @@ static const sbi_state_own sbi_state_owns[] = {
     {20, sbi_state_last_step},
     {14, sbi_state_guard},
     {8, sbi_state_precond},
+    {23, sbi_state_kept},
 };
 enum { SBI_STATE_OWNS = sizeof sbi_state_owns / sizeof sbi_state_owns[0], SBI_STATE_VERSION = 3 };
 
@@ -1644,6 +1707,11 @@ static int sbi_state_enters_part(sb_body *body, const sbi_state_walk *walk, cons
         return sbi_state_has_part(walk, part, sbi_state_has_prestretch(body));
     if (part->walk == sbi_state_region_damping && !sbi_state_has_part(walk, part, body->regional_damping)) {
         body->regional_damping = reads ? 0 : body->regional_damping;
+        return 0;
+    }
+    if (part->walk == sbi_state_kept && !sbi_state_has_part(walk, part, sbi_state_keeps(body))) {
+        if (reads && body->kept)
+            body->kept->angle = 0;
         return 0;
     }
     if (part->walk == sbi_state_last_step && !sbi_state_has_part(walk, part, sbi_state_has_last_step(body))) {

@@ -161,6 +161,7 @@ SBI_API void sbi_step_save(sb_body *b)
     if (b->integrator == SB_CENTRAL_DIFFERENCE) /* its substeps move the memory on */
         sbi_assembly_save_memory(&b->assembly);
     sbi_assembly_save_rotations(&b->assembly);
+    sbi_kept_save(b);
 }
 
 SBI_API void sbi_step_restore(sb_body *b)
@@ -177,6 +178,7 @@ SBI_API void sbi_step_restore(sb_body *b)
     if (b->integrator == SB_CENTRAL_DIFFERENCE)
         sbi_assembly_restore_memory(&b->assembly);
     sbi_assembly_restore_rotations(&b->assembly);
+    sbi_kept_restore(b);
     sbi_body_update_positions(b);
 }
 

@@ -122,7 +122,9 @@ SBI_API sb_real sbi_explicit_bound(sb_body *b, const sb_matrix *matrix, const sb
 static sb_result sbi_explicit_stable_step(sb_body *b, sb_real *dt, sb_error *error)
 {
     sb_real found;
-    int bad = sbi_assembly_tangent(&b->assembly, b->displacement, SB_TANGENT_SPD, 1, &b->matrix);
+    int bad;
+    sbi_kept_spoil(b);
+    bad = sbi_assembly_tangent(&b->assembly, b->displacement, SB_TANGENT_SPD, 1, &b->matrix);
     if (bad >= 0)
         return sbi_fail_element(error, SB_ERROR_INVERTED, bad,
                                 "element %d is inside out, which its material does not allow", bad);

@@ -78,6 +78,8 @@ typedef struct sbi_step {
     int keeps_acceleration; /* 1: it leaves the acceleration that it found */
     int pushed;             /* 1: live_push.c holds something in this step, */
     sb_real push;           /* and its factor in A; 0: there is none */
+    int keeps;              /* 1: the tangent of a step before stands for A, */
+    int notes;              /* 1: or this one's is to be kept: see step_kept.c */
 
     /* where it is */
     int moves_supports;      /* the present increment moves supported nodes or closes gaps of constraints */

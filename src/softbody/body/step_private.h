@@ -35,6 +35,8 @@ SBI_API sb_result sbi_step_force(sbi_step *step);
 SBI_API void sbi_step_tangent(sbi_step *step, sb_tangent_kind kind);
 /* Factor of the mass in A. */
 SBI_API sb_real sbi_step_mass_factor(const sbi_step *step);
+/* Share of the assembled stiffness in A: damping is part of it in a linearised step. */
+SBI_API sb_real sbi_step_stiffness_factor(const sbi_step *step);
 /* Keeps the stiffness at the start of the step for D. */
 SBI_API sb_result sbi_step_keep_damping(sbi_step *step);
 /* Of the K of D: 1 where regions have theirs in it. */
@@ -60,6 +62,18 @@ SBI_API sb_result sbi_step_evaluate(sbi_step *step);
 SBI_API int sbi_step_is_converged(sbi_step *step);
 /* 1 when all of the body's materials have an energy inside out. */
 SBI_API int sbi_step_allows_inversion(const sb_body *body);
+
+/* ---- step_kept.c ---- */
+/* Forces are current and no tangent is made yet. step->keeps: none is to be made, the system is there; step->notes: the
+ * one to be made may be kept. What the solver refuses. */
+SBI_API sb_result sbi_kept_begin(sbi_step *step);
+/* The system of step->notes is made, of a preconditioner that remembered `before`. */
+SBI_API void sbi_kept_note(sbi_step *step, sbi_precond_memory before);
+/* residual += (A - A') x0 + beta K v0 of step->keeps. */
+SBI_API void sbi_kept_add_coasting(sbi_step *step);
+/* What a step that fails gives back: kept, and given back. */
+SBI_API void sbi_kept_save(sb_body *body);
+SBI_API void sbi_kept_restore(sb_body *body);
 
 /* ---- step_done.c: of static solves ---- */
 /* An increment begins. */
@@ -141,6 +155,17 @@ SBI_API sb_vec3 sbi_step_goal(const sbi_step *step, int i);
 SBI_API int sbi_step_supports_move(const sbi_step *step);
 /* A du = -r with the supports' increments prescribed, constraints condensed and the preconditioner up to date. */
 SBI_API sb_result sbi_step_make_system(sbi_step *step);
+/* A block of the matrix times a vector. */
+SB_INLINE sb_vec3 sbi_step_block_product(const sb_real *m, sb_vec3 d)
+{
+    return sb_v3(m[0] * d.x + m[1] * d.y + m[2] * d.z, m[3] * d.x + m[4] * d.y + m[5] * d.z,
+                 m[6] * d.x + m[7] * d.y + m[8] * d.z);
+}
+/* What nodes coast in the step along free axes (m). */
+SBI_API sb_vec3 sbi_step_coast(const sbi_step *step, int i);
+/* A du = -r without constraints is made: the rows of supported nodes, which the reactions need, are put aside, and
+ * supports masked. x, rhs: [rows] as sb_matrix_constrain has them. */
+SBI_API void sbi_step_mask(sb_body *body, sb_vec3 *x, sb_vec3 *rhs);
 /* The same without a new first guess, guests and preconditioner: matrix and right-hand side. */
 SBI_API void sbi_step_fill_system(sbi_step *step);
 /* 1 when all materials are linear. */

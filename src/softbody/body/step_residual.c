@@ -84,8 +84,7 @@ SBI_API sb_real sbi_step_mass_factor(const sbi_step *step)
     return step->dynamic ? step->ca + sbi_step_alpha(step->body) * step->cv : step->hold;
 }
 
-/* Share of the assembled stiffness in A: damping is part of it in a linearised step. */
-static sb_real sbi_step_stiffness_factor(const sbi_step *step)
+SBI_API sb_real sbi_step_stiffness_factor(const sbi_step *step)
 {
     return step->dynamic && !step->lagged_damping ? 1 + step->body->damping_stiffness * step->cv : 1;
 }
@@ -126,6 +125,7 @@ SBI_API void sbi_step_tangent(sbi_step *step, sb_tangent_kind kind)
 {
     sb_body *b = step->body;
     double begin = sbi_body_now(b);
+    sbi_kept_spoil(b);
     sbi_assembly_weighted_tangent(&b->assembly, b->displacement, kind, sbi_step_stiffness_factors(step),
                                   sbi_step_stiffness_factor(step), &b->matrix);
     if (step->dynamic || step->hold > 0)
@@ -155,6 +155,7 @@ SBI_API sb_result sbi_step_keep_damping(sbi_step *step)
     if (result != SB_OK)
         return result;
     begin = sbi_body_now(b);
+    sbi_kept_spoil(b);
     sbi_assembly_weighted_tangent(&b->assembly, b->displacement, step->linearised ? SB_TANGENT_QUASI : SB_TANGENT_SPD,
                                   b->regional_damping ? b->region_beta : NULL,
                                   b->regional_damping ? b->damping_stiffness : 1, &b->matrix);
@@ -209,7 +210,9 @@ static void sbi_step_add_dynamics(sbi_step *step)
     for (int i = 0; i < n; i++)
         b->residual[i] = sb_v3_add(b->residual[i], b->work2[i]);
     sbi_step_raise_scale(step, b->work2, SBI_STEP_ALL);
-    if (!sbi_body_has_beta(b) || !step->has_velocity)
+    if (step->keeps)
+        sbi_kept_add_coasting(step);
+    if (step->keeps || !sbi_body_has_beta(b) || !step->has_velocity)
         return;
     for (int i = 0; i < n; i++)
         b->work[i] = sbi_step_velocity(step, i);
@@ -339,8 +342,11 @@ SBI_API sb_result sbi_step_evaluate(sbi_step *step)
     step->moves_supports = sbi_step_supports_move(step);
     if (step->body->load_count)
         sbi_loads_fill(step->body, step->body->displacement);
-    if (step->linearised ||
-        (step->touch && step->iteration == 0)) /* its residual may need K v, contact measures by it */
+    result = sbi_kept_begin(step);
+    if (result != SB_OK)
+        return result;
+    if (!step->keeps && (step->linearised || /* its residual may need K v, contact measures by it */
+                         (step->touch && step->iteration == 0)))
         sbi_step_tangent(step, SB_TANGENT_QUASI);
     if (step->touch && step->iteration == 0)
         result = sbi_step_begin_touch(step);

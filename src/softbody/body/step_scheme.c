@@ -44,6 +44,7 @@ static sb_result sbi_step_solve_acceleration(sbi_step *start)
         start->known_velocity[0] = 1;
         start->starts = 1;
     }
+    sbi_kept_spoil(b);
     sbi_body_add_mass(b, unit);
     if (start->pushed)
         sbi_live_add_push_stiffness(b, unit * (start->dt * start->dt / 2));

@@ -44,6 +44,12 @@ SBI_API int sbi_step_supports_move(const sbi_step *step)
     return 0;
 }
 
+SBI_API sb_vec3 sbi_step_coast(const sbi_step *step, int i)
+{
+    const sb_body *b = step->body;
+    return sbi_body_pick_axes(b->fixed[i], sb_v3(0, 0, 0), sb_v3_scale(step->level * step->dt, b->velocity[i]));
+}
+
 /* Start of the linear solve: what the motion predicts on free axes, the way still to go on supported ones. */
 static void sbi_step_predict(sbi_step *step)
 {
@@ -51,7 +57,7 @@ static void sbi_step_predict(sbi_step *step)
     for (int i = 0; i < b->domain.node_count; i++) {
         sb_vec3 coast = sb_v3(0, 0, 0);
         if (step->iteration == 0 && step->dynamic)
-            coast = sb_v3_scale(step->level * step->dt, b->velocity[i]);
+            coast = sbi_step_coast(step, i);
         b->increment[i] = sbi_body_pick_axes(b->fixed[i], sbi_step_way_to_go(step, i), coast);
     }
 }
@@ -67,6 +73,12 @@ static void sbi_step_keep_support_rows(sb_body *b)
             memcpy(out, matrix->blocks + matrix->row_start[i], (size_t)count * sizeof *out);
             out += count;
         }
+}
+
+SBI_API void sbi_step_mask(sb_body *b, sb_vec3 *x, sb_vec3 *rhs)
+{
+    sbi_step_keep_support_rows(b);
+    sbi_matrix_constrain(&b->matrix, b->fixed, &x[0].x, &rhs[0].x, &b->jobs);
 }
 
 /* Reactions of a constrained body, whose matrix has not been masked: r, or r + A du, condensed. */
@@ -94,12 +106,8 @@ static void sbi_step_support_reactions(const sbi_step *step)
         b->reaction[i] = zero;
         if (!b->fixed[i] || b->node_component[i] < 0)
             continue;
-        for (int k = matrix->row_start[i]; step->linearised && k < matrix->row_end[i]; k++, row++) {
-            sb_vec3 d = b->increment[matrix->columns[k]];
-            const sb_real *m = *row;
-            sum = sb_v3_add(sum, sb_v3(m[0] * d.x + m[1] * d.y + m[2] * d.z, m[3] * d.x + m[4] * d.y + m[5] * d.z,
-                                       m[6] * d.x + m[7] * d.y + m[8] * d.z));
-        }
+        for (int k = matrix->row_start[i]; step->linearised && k < matrix->row_end[i]; k++, row++)
+            sum = sb_v3_add(sum, sbi_step_block_product(*row, b->increment[matrix->columns[k]]));
         b->reaction[i] = sbi_body_pick_axes(b->fixed[i], sum, zero);
     }
 }
@@ -170,28 +178,57 @@ SBI_API void sbi_step_fill_system(sbi_step *step)
 {
     sb_body *b = step->body;
     sbi_elimination *e = b->elimination;
-    sb_matrix *matrix = e ? &e->matrix : &b->matrix;
     step->opens_gaps = 0;
     for (int i = 0; i < b->domain.node_count; i++)
         b->rhs[i] = sb_v3_scale(-1, b->residual[i]);
     if (e && step->touch)
         sbi_step_add_touch(step);
-    if (e)
+    if (e) {
         step->opens_gaps = sbi_step_condense(step);
-    else
-        sbi_step_keep_support_rows(b);
-    sbi_matrix_constrain(matrix, e ? e->held : b->fixed, &b->increment[0].x, &b->rhs[0].x, &b->jobs);
+        sbi_matrix_constrain(&e->matrix, e->held, &b->increment[0].x, &b->rhs[0].x, &b->jobs);
+    } else {
+        sbi_step_mask(b, b->increment, b->rhs);
+    }
     if (!e && step->touch)
         sbi_step_add_touch(step);
+}
+
+/* The preconditioner of a system that is made. */
+static sb_result sbi_step_make_precond(sbi_step *step, sb_matrix *matrix)
+{
+    sb_body *b = step->body;
+    sb_preconditioner *precond;
+    sbi_precond_memory before;
+    sb_result result = sbi_body_settle_preconditioner(b, &step->info->error);
+    if (result != SB_OK)
+        return result;
+    precond = b->elimination ? b->elimination->precond : b->precond;
+    before = sbi_precond_get_memory(precond);
+    result = sbi_body_update_precond(b, precond, matrix, &step->guests, &step->info->error);
+    if (result == SB_OK && step->notes)
+        sbi_kept_note(step, before);
+    return result;
+}
+
+/* The same of a tangent that was kept: all is there but the right-hand side. */
+static sb_result sbi_step_make_kept_system(sbi_step *step)
+{
+    sb_body *b = step->body;
+    sbi_step_predict(step);
+    step->opens_gaps = 0;
+    for (int i = 0; i < b->domain.node_count; i++) /* supports rest */
+        b->rhs[i] = sbi_body_pick_axes(b->fixed[i], sb_v3(0, 0, 0), sb_v3_scale(-1, b->residual[i]));
+    return sbi_step_begin_guests(step, &b->matrix);
 }
 
 SBI_API sb_result sbi_step_make_system(sbi_step *step)
 {
     sb_body *b = step->body;
-    sbi_elimination *e = b->elimination;
-    sb_matrix *matrix = e ? &e->matrix : &b->matrix;
+    sb_matrix *matrix = b->elimination ? &b->elimination->matrix : &b->matrix;
     sb_result result;
     double begin = sbi_body_now(b);
+    if (step->keeps)
+        return sbi_step_make_kept_system(step);
     if (step->slow)
         sbi_static_take_direct(step);
     sbi_step_predict(step);
@@ -200,9 +237,7 @@ SBI_API sb_result sbi_step_make_system(sbi_step *step)
     sbi_step_fill_system(step);
     result = sbi_step_begin_guests(step, matrix);
     if (result == SB_OK)
-        result = sbi_body_settle_preconditioner(b, &step->info->error);
-    if (result == SB_OK)
-        result = sbi_body_update_precond(b, e ? e->precond : b->precond, matrix, &step->guests, &step->info->error);
+        result = sbi_step_make_precond(step, matrix);
     step->info->seconds_precond += sbi_body_now(b) - begin;
     return result;
 }

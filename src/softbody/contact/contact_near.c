@@ -457,37 +457,66 @@ SBI_API int sbi_pairs_is_above(const sb_contact *contact, int other, sb_vec3 at,
 }
 
 /* A face as a disc around its middle, against the plane and the ball of another. */
-SBI_API int sbi_pairs_relate(const sb_contact *contact, int face, int other)
+typedef struct sbi_near_disc {
+    sb_real turn, low, high;      /* of the normals; m: least and most height above the plane */
+    sb_real square, beside, wide; /* m^2: of its middle from the other, across the normal; m: what both reach */
+} sbi_near_disc;
+
+/* 1 when a sample of it may be held, no higher than `most`. */
+static int sbi_near_may_hold(const sb_contact *contact, int other, const sbi_near_disc *disc, sb_real most)
+{
+    sb_real lean = SBI_PAIR_LEAN * sb_max((sb_real)0, sb_min(disc->high, most));
+    sb_real reach = disc->wide + lean + SBI_PAIR_LEAN_INSIDE * sb_max((sb_real)0, -disc->low);
+    return disc->low <= most && disc->beside <= reach * reach && -disc->high <= sbi_pairs_deepest(contact, other);
+}
+
+/* 1 when a sample of it may come to the other face on its way. */
+static int sbi_near_may_come(const sb_contact *contact, int face, int other, const sbi_near_disc *disc)
+{
+    sb_real closing = sbi_pairs_closing(contact, face, other), reach = disc->wide + closing;
+    return closing > 0 && disc->low <= closing && disc->square <= reach * reach;
+}
+
+/* Points go no farther than still.ahead, nor do they spread by more than twice that: two come nearer by no more than
+ * six times that. most: as high as any sample is that is held in this step (m). 0: the disc is in no list. */
+static int sbi_near_take_disc(const sb_contact *contact, int face, int other, sb_real most, sbi_near_disc *disc)
 {
     const sbi_pairs *pairs = &contact->pairs;
-    sb_vec3 n = pairs->normals[other], way = sb_v3_sub(pairs->middles[face], pairs->middles[other]);
-    sb_real square = sb_v3_dot(way, way), height = sb_v3_dot(n, way), beside = square - height * height;
-    sb_real turn = sb_v3_dot(n, pairs->normals[face]), radius = pairs->radii[face];
-    sb_real rounded = 3 * SBI_PAIR_BESIDE * contact->faces->lengths[other];
-    sb_real wide = radius + pairs->radii[other] + rounded, thick = pairs->bulges[face] + pairs->bulges[other] + rounded;
-    sb_real soon = 2 * pairs->still.ahead, most, closing, tall, low, high, reach;
+    const sb_vec3 n = pairs->normals[other], way = sb_v3_sub(pairs->middles[face], pairs->middles[other]);
+    const sb_real radius = pairs->radii[face], rounded = 3 * SBI_PAIR_BESIDE * contact->faces->lengths[other];
+    const sb_real thick = pairs->bulges[face] + pairs->bulges[other] + rounded, height = sb_v3_dot(n, way);
+    sb_real tall, reach;
+    if (height > sb_max(most, 2 * pairs->still.ahead) + radius + thick)
+        return 0;
+    disc->turn = sb_v3_dot(n, pairs->normals[face]);
+    disc->wide = radius + pairs->radii[other] + rounded;
+    tall = radius * sb_sqrt(sb_max((sb_real)0, 1 - disc->turn * disc->turn)) + thick;
+    disc->low = height - tall, disc->high = height + tall;
+    disc->square = sb_v3_dot(way, way);
+    disc->beside = disc->square - height * height;
+    reach = disc->wide + sb_max(sb_max(most, 6 * pairs->still.ahead), -SBI_PAIR_SLANTED * disc->low);
+    return !(disc->beside > reach * reach);
+}
+
+SBI_API int sbi_pairs_relate(const sb_contact *contact, int face, int other, sb_real *highest)
+{
+    const sbi_pairs *pairs = &contact->pairs;
+    const sb_real soon = pairs->distance + pairs->leeway + 2 * pairs->still.ahead;
+    const sb_real most = sb_min(sbi_pairs_highest_ever(contact, other), soon);
+    sb_real reach;
+    sbi_near_disc disc;
     int lists = 0;
-    most = sb_min(sbi_pairs_highest_ever(contact, other), pairs->distance + pairs->leeway + soon);
-    if (height > sb_max(most, soon) + radius + thick) /* most are */
+    if (!sbi_near_take_disc(contact, face, other, most, &disc))
         return 0;
-    most = sbi_pairs_highest(contact, face, other);
-    if (height > most + radius + thick && !(turn < SBI_NEAR_FACING))
-        return 0;
-    closing = turn < SBI_NEAR_FACING ? sbi_pairs_closing(contact, face, other) : 0;
-    if (height > sb_max(most, closing) + radius + thick)
-        return 0;
-    tall = radius * sb_sqrt(sb_max((sb_real)0, 1 - turn * turn)) + thick;
-    low = height - tall, high = height + tall;
-    reach =
-        wide + SBI_PAIR_LEAN * sb_max((sb_real)0, sb_min(high, most)) + SBI_PAIR_LEAN_INSIDE * sb_max((sb_real)0, -low);
-    if (low <= most && -high <= sbi_pairs_deepest(contact, other) && beside <= reach * reach)
-        lists |= 1 << SBI_PAIR_HOLDERS;
-    reach = wide - SBI_PAIR_SLANTED * low;
-    if (low < 0 && beside <= reach * reach)
+    if (sbi_near_may_hold(contact, other, &disc, most)) {
+        *highest = sbi_pairs_highest(contact, face, other);
+        lists |= sbi_near_may_hold(contact, other, &disc, *highest) << SBI_PAIR_HOLDERS;
+    }
+    reach = disc.wide - SBI_PAIR_SLANTED * disc.low;
+    if (disc.low < 0 && disc.beside <= reach * reach)
         lists |= 1 << SBI_PAIR_BACKS;
-    reach = wide + closing;
-    if (closing > 0 && low <= closing && square <= reach * reach)
-        lists |= 1 << SBI_PAIR_COMERS;
+    if (disc.turn < SBI_NEAR_FACING && disc.low <= 6 * pairs->still.ahead)
+        lists |= sbi_near_may_come(contact, face, other, &disc) << SBI_PAIR_COMERS;
     return lists;
 }
 
@@ -562,6 +591,13 @@ static int sbi_near_is_marked(const uint64_t *marks, int face)
     return (int)(marks[face / SBI_FACE_TREE_BITS] >> face % SBI_FACE_TREE_BITS & 1);
 }
 
+/* 1 when a face has to do with another, as far as the walk looks. */
+static int sbi_near_counts(const sbi_near_walk *walk, int face, int other)
+{
+    sb_real highest;
+    return walk->kind != SBI_NEAR_PAIRED || sbi_pairs_relate(walk->contact, face, other, &highest);
+}
+
 /* Two faces whose boxes meet. */
 static void sbi_near_match(const sbi_near_walk *walk, int face, int other)
 {
@@ -571,9 +607,9 @@ static void sbi_near_match(const sbi_near_walk *walk, int face, int other)
     if ((one && two) || !(walk->kind == SBI_NEAR_ANY ? sbi_pairs_are_apart(contact, face, other)
                                                      : sbi_pairs_may_touch(contact, face, other)))
         return;
-    if (!one && (walk->kind != SBI_NEAR_PAIRED || sbi_pairs_relate(contact, face, other)))
+    if (!one && sbi_near_counts(walk, face, other))
         sbi_near_mark(marks, face);
-    if (!two && (walk->kind != SBI_NEAR_PAIRED || sbi_pairs_relate(contact, other, face)))
+    if (!two && sbi_near_counts(walk, other, face))
         sbi_near_mark(marks, other);
 }
 
@@ -727,10 +763,15 @@ SBI_API int sbi_pairs_find_others(sb_contact *contact, int face, const sb_vec3 *
     return kept;
 }
 
+SBI_API sbi_pair_box sbi_pairs_way_box(const sb_contact *contact, int face)
+{
+    const sbi_pairs_still *still = &contact->pairs.still;
+    return sbi_near_box(contact->faces, face, contact->x, still->velocity, still->dt);
+}
+
 SBI_API int sbi_pairs_query(sb_contact *contact, int face, sb_real grow)
 {
-    sbi_pair_box box =
-        sbi_near_box(contact->faces, face, contact->x, contact->pairs.still.velocity, contact->pairs.still.dt);
+    sbi_pair_box box = sbi_pairs_way_box(contact, face);
     return sbi_near_query_box(contact, face, &box, grow + (sb_real)0.5 * contact->pairs.longest_curved);
 }
 
@@ -740,27 +781,19 @@ SBI_API void sbi_pairs_box_near(sb_contact *contact)
     memcpy(still->boxed, contact->pairs.near,
            (size_t)sbi_face_tree_words(contact->faces->face_room) * sizeof(uint64_t));
     for (int face = sbi_pairs_next_near(contact, 0); face >= 0; face = sbi_pairs_next_near(contact, face + 1))
-        still->boxes[face] = sbi_near_box(contact->faces, face, contact->x, still->velocity, still->dt);
+        still->boxes[face] = sbi_pairs_way_box(contact, face);
 }
 
-SBI_API int sbi_pairs_select(sb_contact *contact, int face, const int *from, int count)
+SBI_API int sbi_pairs_comes(const sb_contact *contact, int face, const sbi_pair_box *own, int other)
 {
-    sbi_pairs *pairs = &contact->pairs;
-    const sb_vec3 *v = pairs->still.velocity;
-    const sb_real dt = pairs->still.dt, reach = pairs->reach;
-    const sbi_pair_box own = sbi_near_box(contact->faces, face, contact->x, v, dt);
-    int kept = 0;
-    for (int i = 0; i < count; i++) {
-        const int other = from[i];
-        sbi_pair_box box;
-        if (other == face || !sbi_pairs_may_touch(contact, face, other) || sbi_near_is_far(contact, face, other, reach))
-            continue;
-        box = sbi_near_is_marked(pairs->still.boxed, other) ? pairs->still.boxes[other]
-                                                            : sbi_near_box(contact->faces, other, contact->x, v, dt);
-        if (sbi_near_meets(&own, &box, reach))
-            pairs->found[kept++] = other;
-    }
-    return kept;
+    const sbi_pairs *pairs = &contact->pairs;
+    sbi_pair_box box;
+    if (sbi_near_is_far(contact, face, other, pairs->reach))
+        return 0;
+    if (sbi_near_is_marked(pairs->still.boxed, other))
+        return sbi_near_meets(own, pairs->still.boxes + other, pairs->reach);
+    box = sbi_pairs_way_box(contact, other);
+    return sbi_near_meets(own, &box, pairs->reach);
 }
 
 /* Parts a side: for the finest organ that it may touch, but no finer than half of its own, whose samples are there too.

@@ -100,7 +100,7 @@ static int sbi_pair_add_patch(sb_contact *contact, const sbi_touch_step *step, i
     memset(patch, 0, sizeof *patch);
     patch->first = pairs->sample_count;
     sbi_pairs_begin_search(contact, step, face, &search);
-    for (int i = 0; search.others > 0 && i < rule->count; i++) {
+    for (int i = 0; search.listed > 0 && i < rule->count; i++) {
         const sb_real *weights = rule->weights + (size_t)i * (size_t)count;
         sbi_pairs_find_partner(&search, sbi_contact_mean(weights, nodes, count, contact->x),
                                sb_v3_scale(step->dt, sbi_contact_mean(weights, nodes, count, step->velocity)));
@@ -360,41 +360,59 @@ static sbi_pair_link sbi_pair_make_link(const sbi_pairs *pairs, int sample)
     return link;
 }
 
+/* Mean of x, by places, with weights of a face's nodes and without masked axes, times sign, added to a sum. */
+static sb_vec3 sbi_pair_add_mean(const sb_contact *contact, const unsigned char *masked, const int *places, int count,
+                                 const sb_real *weights, sb_real sign, const sb_vec3 *x, sb_vec3 sum)
+{
+    for (int a = 0; a < count; a++) {
+        unsigned axes = masked ? masked[contact->nodes[places[a]]] : 0u;
+        sb_vec3 free = axes ? sbi_contact_unmasked(axes, x[places[a]]) : x[places[a]];
+        sum = sb_v3_madd(sum, sign * weights[a], free);
+    }
+    return sum;
+}
+
 SBI_API void sbi_pairs_multiply(const sb_contact *contact, const unsigned char *masked, const sb_vec3 *x, sb_vec3 *out)
 {
     const sbi_pairs *pairs = &contact->pairs;
+    const unsigned char *sizes = contact->faces->sizes;
     for (int i = 0; i < pairs->active_count; i++) {
         const sbi_pair_sample *s = pairs->samples + pairs->active[i];
-        const sbi_pair_patch *patch = pairs->patches + s->patch;
-        sbi_pair_link link = sbi_pair_make_link(pairs, pairs->active[i]);
+        const sbi_pair_link link = sbi_pair_make_link(pairs, pairs->active[i]);
         sb_vec3 way = {0, 0, 0};
-        for (int a = 0; a < contact->faces->sizes[patch->face]; a++) {
-            int place = patch->nodes[a];
-            unsigned axes = masked ? masked[contact->nodes[place]] : 0u;
-            way = sb_v3_madd(way, s->weights[a], sbi_contact_unmasked(axes, x[place]));
-        }
-        for (int a = 0; a < contact->faces->sizes[s->other]; a++) {
-            int place = s->other_nodes[a];
-            unsigned axes = masked ? masked[contact->nodes[place]] : 0u;
-            way = sb_v3_madd(way, -s->shares[a], sbi_contact_unmasked(axes, x[place]));
-        }
+        way = sbi_pair_add_mean(contact, masked, pairs->patches[s->patch].nodes, sizes[s->face], s->weights, 1, x, way);
+        way = sbi_pair_add_mean(contact, masked, s->other_nodes, sizes[s->other], s->shares, -1, x, way);
         sbi_pair_scatter(contact, s, sbi_pair_times(&link, way), out);
     }
 }
 
-/* A face's blocks += factor^2 K of a sample with these weights of its nodes. */
-static void sbi_pair_sum_blocks(sb_contact *contact, int face, const sb_real *weights, const sb_real *k)
+/* A face's blocks of nodes a <= b += K of a sample with these weights of its nodes. */
+static void sbi_pair_sum_blocks(sb_contact *contact, int face, const sb_real *SB_RESTRICT weights,
+                                const sb_real *SB_RESTRICT k)
 {
     size_t square = (size_t)contact->faces->width * (size_t)contact->faces->width;
     int slot = contact->pairs.slot_of[face], count = contact->faces->sizes[face];
-    sb_real(*blocks)[9] = contact->pairs.blocks + (size_t)slot * square;
+    sb_real(*SB_RESTRICT blocks)[9] = contact->pairs.blocks + (size_t)slot * square;
     if (!contact->pairs.slot_used[slot])
         memset(blocks, 0, square * sizeof *blocks);
     contact->pairs.slot_used[slot] = 1;
     for (int a = 0; a < count; a++)
-        for (int b = 0; b < count; b++)
+        for (int b = a; b < count; b++) {
+            const sb_real share = weights[a] * weights[b];
             for (int c = 0; c < 9; c++)
-                blocks[a * count + b][c] += weights[a] * weights[b] * k[c];
+                blocks[a * count + b][c] += share * k[c];
+        }
+}
+
+/* Those of nodes a > b are the same as of b and a. */
+static void sbi_pair_mirror_blocks(sb_contact *contact, int slot)
+{
+    size_t square = (size_t)contact->faces->width * (size_t)contact->faces->width;
+    int count = contact->faces->sizes[contact->pairs.slots[slot]];
+    sb_real(*blocks)[9] = contact->pairs.blocks + (size_t)slot * square;
+    for (int a = 0; a < count; a++)
+        for (int b = 0; b < a; b++)
+            memcpy(blocks[a * count + b], blocks[b * count + a], sizeof *blocks);
 }
 
 static void sbi_pair_make_blocks(sb_contact *contact)
@@ -408,6 +426,9 @@ static void sbi_pair_make_blocks(sb_contact *contact)
         sbi_pair_sum_blocks(contact, pairs->patches[s->patch].face, s->weights, k);
         sbi_pair_sum_blocks(contact, s->other, s->shares, k);
     }
+    for (int slot = 0; slot < pairs->slot_count; slot++)
+        if (pairs->slot_used[slot])
+            sbi_pair_mirror_blocks(contact, slot);
 }
 
 static void sbi_pair_add_slot(sb_contact *contact, int slot, const unsigned char *masked, sb_matrix *matrix)
@@ -459,9 +480,9 @@ SBI_API void sbi_pairs_restore_blocks(sb_contact *contact, sb_matrix *matrix)
 typedef struct sbi_pair_side {
     const sb_contact *contact;
     const unsigned char *masked;
-    const int *nodes; /* of the face */
+    const int *nodes; /* of the face: the body's, or points of a skin, which stand for rows of those */
     const sb_real *weights;
-    int count;
+    int count, is_skin;
 } sbi_pair_side;
 
 static sbi_pair_side sbi_pair_make_side(const sb_contact *contact, const unsigned char *masked, int face,
@@ -473,33 +494,21 @@ static sbi_pair_side sbi_pair_make_side(const sb_contact *contact, const unsigne
     side.nodes = sbi_contact_face_nodes(contact->faces, face);
     side.weights = weights;
     side.count = contact->faces->sizes[face];
+    side.is_skin = contact->skin.source != NULL;
     return side;
 }
 
-/* The body's nodes that node a of its face stands for: that itself, or of a skin its row. */
-static sbi_contact_row sbi_pair_row(const sbi_pair_side *side, int a, const sb_real *one)
+SB_INLINE sb_vec3 sbi_pair_unmask(const sbi_pair_side *side, int node, sb_vec3 v)
 {
-    sbi_contact_row row;
-    if (side->contact->skin.source)
-        return sbi_contact_skin_row(&side->contact->skin, side->nodes[a]);
-    row.count = 1;
-    row.nodes = side->nodes + a;
-    row.weights = one;
-    return row;
+    return side->masked && side->masked[node] ? sbi_contact_unmasked(side->masked[node], v) : v;
 }
 
-static sb_vec3 sbi_pair_unmask(const sbi_pair_side *side, int node, sb_vec3 v)
+/* Mean of x [rows] with weights of points of a skin, without masked axes. */
+static sb_vec3 sbi_pair_skin_mean(const sbi_pair_side *side, const sb_vec3 *x)
 {
-    return sbi_contact_unmasked(side->masked ? side->masked[node] : 0u, v);
-}
-
-/* Mean of x [rows] with weights of nodes, without masked axes. */
-static sb_vec3 sbi_pair_mean(const sbi_pair_side *side, const sb_vec3 *x)
-{
-    const sb_real one = 1;
     sb_vec3 sum = {0, 0, 0};
     for (int a = 0; a < side->count; a++) {
-        const sbi_contact_row row = sbi_pair_row(side, a, &one);
+        const sbi_contact_row row = sbi_contact_skin_row(&side->contact->skin, side->nodes[a]);
         for (int i = 0; i < row.count; i++)
             sum = sb_v3_madd(sum, side->weights[a] * row.weights[i],
                              sbi_pair_unmask(side, row.nodes[i], x[row.nodes[i]]));
@@ -507,14 +516,36 @@ static sb_vec3 sbi_pair_mean(const sbi_pair_side *side, const sb_vec3 *x)
     return sum;
 }
 
-static void sbi_pair_subtract(const sbi_pair_side *side, sb_vec3 f, sb_vec3 *out)
+/* The same of the face's nodes, whatever these are. */
+static sb_vec3 sbi_pair_mean(const sbi_pair_side *side, const sb_vec3 *x)
 {
-    const sb_real one = 1;
+    sb_vec3 sum = {0, 0, 0};
+    if (side->is_skin)
+        return sbi_pair_skin_mean(side, x);
+    for (int a = 0; a < side->count; a++)
+        sum = sb_v3_madd(sum, side->weights[a], sbi_pair_unmask(side, side->nodes[a], x[side->nodes[a]]));
+    return sum;
+}
+
+static void sbi_pair_skin_subtract(const sbi_pair_side *side, sb_vec3 f, sb_vec3 *out)
+{
     for (int a = 0; a < side->count; a++) {
-        const sbi_contact_row row = sbi_pair_row(side, a, &one);
+        const sbi_contact_row row = sbi_contact_skin_row(&side->contact->skin, side->nodes[a]);
         for (int i = 0; i < row.count; i++)
             out[row.nodes[i]] = sb_v3_madd(out[row.nodes[i]], -side->weights[a] * row.weights[i],
                                            sbi_pair_unmask(side, row.nodes[i], f));
+    }
+}
+
+static void sbi_pair_subtract(const sbi_pair_side *side, sb_vec3 f, sb_vec3 *out)
+{
+    if (side->is_skin) {
+        sbi_pair_skin_subtract(side, f, out);
+        return;
+    }
+    for (int a = 0; a < side->count; a++) {
+        sb_vec3 *at = out + side->nodes[a];
+        *at = sb_v3_madd(*at, -side->weights[a], sbi_pair_unmask(side, side->nodes[a], f));
     }
 }
 

@@ -224,11 +224,15 @@ typedef struct sbi_closest {
 typedef struct sbi_pair_search {
     struct sb_contact *contact;
     const sbi_touch_step *step;
-    int face, others; /* the others are in pairs->found */
-    int first;        /* of them: is likely to be the nearest; -1: nothing is known */
-    int slips;        /* 1: the face has no friction in this step */
-    sb_vec3 at, way;  /* m: at the start; over the step, as it coasts */
-    int best;         /* -1: none */
+    int face;
+    sbi_pair_box box;  /* of its way in this step */
+    const int *coming; /* faces among which are all that it may come near */
+    int coming_count;
+    int listed;      /* how often such a face is in one of pairs->lists */
+    int first;       /* of them: is likely to be the nearest; -1: nothing is known */
+    int slips;       /* 1: the face has no friction in this step */
+    sb_vec3 at, way; /* m: at the start; over the step, as it coasts */
+    int best;        /* -1: none */
     sb_real measure;
     int nearest; /* face whose point is nearest, whether or not it may be paired with; -1: none */
     sb_real nearest_away, nearest_height;

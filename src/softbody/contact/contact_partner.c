@@ -59,6 +59,13 @@ static int sbi_partner_is_within(sbi_pair_search *search, int other)
     return search->within;
 }
 
+/* 1 when the face may touch another one in this step, or is at least so near that a sample's place tells. */
+static int sbi_partner_counts(const sbi_pair_search *search, int other)
+{
+    return other != search->face && sbi_pairs_may_touch(search->contact, search->face, other) &&
+           sbi_pairs_comes(search->contact, search->face, &search->box, other);
+}
+
 /* ---- faces near the sample where the step begins ---- */
 
 /* The sample against a face: the point there, and the way from that. */
@@ -214,15 +221,17 @@ static int sbi_partner_is_behind_any(const sbi_pair_search *search, int first)
     return 0;
 }
 
-/* The nearest of all that were found, whether or not its own rule can hold the sample. */
+/* The nearest of all that the face may come near, whether or not its own rule can hold the sample. */
 static void sbi_partner_find_nearest(sbi_pair_search *search)
 {
-    const int *found = search->contact->pairs.found;
-    for (int i = 0; i < search->others; i++) {
-        sb_real most = sbi_partner_farthest(search->contact, found[i]);
+    const sb_contact *contact = search->contact;
+    for (int i = 0; i < search->coming_count; i++) {
+        const int other = search->coming[i];
         sbi_partner_look look;
-        if (!sbi_partner_is_far(search, found[i], search->nearest >= 0 ? sb_min(most, search->nearest_away) : most))
-            sbi_partner_try_nearest(search, found[i], &look);
+        if ((search->nearest < 0 || !sbi_partner_is_far(search, other, search->nearest_away)) &&
+            !sbi_partner_is_far(search, other, sbi_partner_farthest(contact, other)) &&
+            sbi_partner_counts(search, other))
+            sbi_partner_try_nearest(search, other, &look);
     }
 }
 
@@ -317,25 +326,34 @@ static void sbi_partner_list(sbi_pairs *pairs, int list, int face, sb_real most,
     ball->face = face;
 }
 
+/* A face that may come near, in the lists in which samples look for it. */
+static void sbi_partner_list_face(sbi_pair_search *search, int other, int lists, sb_real highest)
+{
+    const sb_real farthest = sbi_partner_farthest(search->contact, other);
+    for (int list = 0; list < SBI_PAIR_LISTS; list++)
+        if (lists >> list & 1)
+            sbi_partner_list(&search->contact->pairs, list, other, farthest, highest);
+    search->listed++;
+}
+
 SBI_API void sbi_pairs_begin_search(sb_contact *contact, const sbi_touch_step *step, int face, sbi_pair_search *search)
 {
-    sbi_pairs *pairs = &contact->pairs;
     memset(search, 0, sizeof *search);
     search->contact = contact;
     search->step = step;
     search->face = face;
-    search->others = sbi_pairs_find_coming(contact, face);
     search->first = -1;
-    search->slips = search->others > 0 && sbi_pairs_is_inside_out(contact, face);
-    memset(pairs->list_counts, 0, sizeof pairs->list_counts);
-    for (int i = 0; i < search->others; i++) {
-        int other = pairs->found[i], lists = sbi_pairs_relate(contact, face, other);
-        sb_real farthest = sbi_partner_farthest(contact, other), highest;
-        highest = lists >> SBI_PAIR_HOLDERS & 1 ? sbi_pairs_highest(contact, face, other) : 0;
-        for (int list = 0; list < SBI_PAIR_LISTS; list++)
-            if (lists >> list & 1)
-                sbi_partner_list(pairs, list, other, farthest, highest);
+    search->box = sbi_pairs_way_box(contact, face);
+    search->coming_count = sbi_pairs_find_coming(contact, face, &search->coming);
+    memset(contact->pairs.list_counts, 0, sizeof contact->pairs.list_counts);
+    for (int i = 0; i < search->coming_count; i++) {
+        const int other = search->coming[i];
+        sb_real highest = 0;
+        int lists = sbi_pairs_relate(contact, face, other, &highest);
+        if (lists && sbi_partner_counts(search, other))
+            sbi_partner_list_face(search, other, lists, highest);
     }
+    search->slips = search->listed > 0 && sbi_pairs_is_inside_out(contact, face);
 }
 
 SBI_API void sbi_pairs_find_partner(sbi_pair_search *search, sb_vec3 at, sb_vec3 way)

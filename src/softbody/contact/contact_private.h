@@ -282,18 +282,21 @@ SBI_API int sbi_pairs_find_others(sb_contact *contact, int face, const sb_vec3 *
 SBI_API int sbi_pairs_query(sb_contact *contact, int face, sb_real grow);
 /* Notes the boxes of all that is marked in pairs.near. */
 SBI_API void sbi_pairs_box_near(sb_contact *contact);
-/* Of those in a list the ones that a face may touch as both coast, within pairs.reach, in pairs.found; how many. */
-SBI_API int sbi_pairs_select(sb_contact *contact, int face, const int *from, int count);
-/* The same of all faces, ascending. */
-SBI_API int sbi_pairs_find_coming(sb_contact *contact, int face);
+/* What holds a face's way in this step, as it coasts; and of one face, with that box of it, whether another may come
+ * within pairs.reach of it. */
+SBI_API sbi_pair_box sbi_pairs_way_box(const sb_contact *contact, int face);
+SBI_API int sbi_pairs_comes(const sb_contact *contact, int face, const sbi_pair_box *own, int other);
+/* All that does and may touch the face is in *list, with other faces; returns how many. The list may be pairs.found. */
+SBI_API int sbi_pairs_find_coming(sb_contact *contact, int face, const int **list);
 /* What is within `most` (m) of a face, and more, in pairs.found; returns how many. */
 SBI_API int sbi_pairs_find_around(sb_contact *contact, int face, sb_real most);
 /* Distance (m) that two faces surely keep, as do their middles; lower than 0: they may touch. */
 SBI_API sb_real sbi_pairs_between(const sb_contact *contact, int face, int other);
 /* Deepest overlap with a face at which a point is surely on this side of it (m). */
 SBI_API sb_real sbi_pairs_deepest(const sb_contact *contact, int face);
-/* Which lists another face is in, as bits, for the samples of a face where the step begins, and on their ways. */
-SBI_API int sbi_pairs_relate(const sb_contact *contact, int face, int other);
+/* Which lists another face is in, as bits, for the samples of a face where the step begins, and on their ways. In that
+ * of holders *highest is what sbi_pairs_highest says. */
+SBI_API int sbi_pairs_relate(const sb_contact *contact, int face, int other, sb_real *highest);
 
 /* ---- contact_still.c ---- */
 /* Faces near those of other organs where the step begins, or on its way, marked in pairs.near. */

@@ -174,13 +174,16 @@ static int sbi_still_list(sb_contact *contact, int face)
     return 1;
 }
 
-SBI_API int sbi_pairs_find_coming(sb_contact *contact, int face)
+SBI_API int sbi_pairs_find_coming(sb_contact *contact, int face, const int **list)
 {
     sbi_pairs *pairs = &contact->pairs;
     sbi_pairs_still *still = &pairs->still;
-    if (still->known && (still->listed[face] >= 0 || sbi_still_list(contact, face)))
-        return sbi_pairs_select(contact, face, still->list + still->listed[face], still->listed_count[face]);
-    return sbi_pairs_select(contact, face, pairs->found, sbi_pairs_query(contact, face, pairs->reach));
+    if (still->known && (still->listed[face] >= 0 || sbi_still_list(contact, face))) {
+        *list = still->list + still->listed[face];
+        return still->listed_count[face];
+    }
+    *list = pairs->found;
+    return sbi_pairs_query(contact, face, pairs->reach);
 }
 
 /* Distance (m) that no point of a face, nor its middle, is nearer to one of another organ than; no more than `least`.
@@ -194,12 +197,13 @@ static sb_real sbi_still_apart(const sb_contact *contact, int face, int count, s
     return least;
 }
 
-/* The same of a sample alone. */
-static sb_real sbi_still_sample_apart(const sb_contact *contact, int face, int count, sb_vec3 at, sb_real least)
+/* The same of a sample alone, or what is not above `enough`. */
+static sb_real sbi_still_sample_apart(const sb_contact *contact, int face, int count, sb_vec3 at, sb_real enough,
+                                      sb_real least)
 {
     const sbi_pairs *pairs = &contact->pairs;
     const sbi_contact_faces *faces = contact->faces;
-    for (int i = 0; i < count; i++) {
+    for (int i = 0; least > enough && i < count; i++) {
         int other = pairs->found[i];
         sb_vec3 x[SB_MAX_FACE_NODES], way = sb_v3_sub(at, pairs->middles[other]);
         sb_real reach = least + pairs->radii[other];
@@ -214,21 +218,22 @@ static sb_real sbi_still_sample_apart(const sb_contact *contact, int face, int c
     return least;
 }
 
-/* The least of all samples of a flat face; 0 where one may be within another organ. */
-static sb_real sbi_still_samples_apart(sb_contact *contact, int face, int count, sb_real least)
+/* The least of all samples of a flat face, or what is not above `enough`; 0 where one may be within another organ. */
+static sb_real sbi_still_samples_apart(sb_contact *contact, int face, int count, sb_real enough, sb_real least)
 {
     const sbi_contact_faces *faces = contact->faces;
     const int *nodes = sbi_contact_face_nodes(faces, face);
     const int parts = sbi_pairs_parts(contact, face, 0), size = faces->sizes[face];
     const sbi_contact_rule *rule = sbi_contact_face_rule(faces, face, parts);
-    for (int i = 0; i < rule->count; i++) {
+    for (int i = 0; least > enough && i < rule->count; i++) {
         sb_vec3 at = sbi_contact_mean(rule->weights + (size_t)i * (size_t)size, nodes, size, contact->x);
-        least = sbi_still_sample_apart(contact, face, count, at, least);
+        least = sbi_still_sample_apart(contact, face, count, at, enough, least);
     }
-    /* every point of it is within an edge's part of a sample: all are on its middle's side */
-    if (least > 2 * contact->pairs.radii[face] / (sb_real)parts)
+    /* no surface is in a ball of this radius around any sample; the balls cover the face: all is on its middle's side
+     */
+    if (least > contact->pairs.radii[face] / (sb_real)parts)
         return least;
-    for (int i = 0; least > contact->pairs.still.farthest && i < rule->count; i++) {
+    for (int i = 0; least > enough && i < rule->count; i++) {
         sb_vec3 at = sbi_contact_mean(rule->weights + (size_t)i * (size_t)size, nodes, size, contact->x);
         if (sbi_pairs_is_within_others(contact, contact->pairs.organs[face], at, contact->x))
             return 0;
@@ -250,16 +255,15 @@ SBI_API void sbi_pairs_let_be(sb_contact *contact, int face)
 {
     sbi_pairs *pairs = &contact->pairs;
     sbi_pairs_still *still = &pairs->still;
-    sb_real apart, soon = still->last + still->ahead;
+    sb_real apart, soon = still->last + still->ahead, enough = still->farthest + 4 * soon;
     int count;
     if (!still->known || 2 * soon > pairs->reach - still->farthest || still->tired[face]-- > 0)
         return;
     still->tired[face] = SBI_STILL_RESTS;
     count = sbi_still_find_around(contact, face);
-    apart = contact->faces->sizes[face] == 3 ? sbi_still_samples_apart(contact, face, count, pairs->reach)
+    apart = contact->faces->sizes[face] == 3 ? sbi_still_samples_apart(contact, face, count, enough, pairs->reach)
                                              : sbi_still_apart(contact, face, count, pairs->reach);
-    if (apart - still->farthest > 4 * soon &&
-        !sbi_pairs_is_within_others(contact, pairs->organs[face], pairs->middles[face], contact->x)) {
+    if (apart > enough && !sbi_pairs_is_within_others(contact, pairs->organs[face], pairs->middles[face], contact->x)) {
         still->until[face] = still->gone + apart / 2;
         still->tired[face] = 0;
     }

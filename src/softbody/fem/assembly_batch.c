@@ -596,11 +596,25 @@ SBI_FORCE_INLINE void sbi_batch_rotations(const sbi_assembly *assembly, int batc
         memcpy(quats, assembly->batch_quats + (size_t)batch * 4 * SB_POLAR_LANES, sizeof quats);
     else
         sbi_batch_load_quats(assembly, batch, p, q, quats);
+    for (int l = 0; l < SB_POLAR_LANES; l++) { /* as sbi_quat_to_scaled_mat3 */
+        sb_real w = quats[0][l], x = quats[1][l], y = quats[2][l], z = quats[3][l];
+        sb_real sum = w * w + x * x, difference = w * w - x * x;
+        r[0][l] = sum - (y * y + z * z);
+        r[4][l] = difference + (y * y - z * z);
+        r[8][l] = difference + (z * z - y * y);
+    }
     for (int l = 0; l < SB_POLAR_LANES; l++) {
-        sb_mat3 m = sbi_quat_to_scaled_mat3(sb_quat_make(quats[0][l], quats[1][l], quats[2][l], quats[3][l]));
-        r[0][l] = m.m[0][0], r[1][l] = m.m[0][1], r[2][l] = m.m[0][2];
-        r[3][l] = m.m[1][0], r[4][l] = m.m[1][1], r[5][l] = m.m[1][2];
-        r[6][l] = m.m[2][0], r[7][l] = m.m[2][1], r[8][l] = m.m[2][2];
+        sb_real w = quats[0][l], x = quats[1][l], y = quats[2][l], z = quats[3][l];
+        sb_real xy = 2 * (x * y), wz = 2 * (w * z), xz = 2 * (x * z), wy = 2 * (w * y);
+        r[1][l] = xy - wz;
+        r[3][l] = xy + wz;
+        r[2][l] = xz + wy;
+        r[6][l] = xz - wy;
+    }
+    for (int l = 0; l < SB_POLAR_LANES; l++) {
+        sb_real yz = 2 * (quats[2][l] * quats[3][l]), wx = 2 * (quats[0][l] * quats[1][l]);
+        r[5][l] = yz - wx;
+        r[7][l] = yz + wx;
     }
 }
 
@@ -609,22 +623,31 @@ SBI_FORCE_INLINE void sbi_batch_stress_change(const sb_real (*SB_RESTRICT r)[SB_
                                               const sb_real *SB_RESTRICT lambda, const sb_real *SB_RESTRICT mu,
                                               sb_real (*SB_RESTRICT f)[SB_POLAR_LANES])
 {
-    for (int l = 0; l < SB_POLAR_LANES; l++) {
-        sb_mat3 turn, b, s;
-        sb_real volume;
-        for (int k = 0; k < 9; k++) {
-            turn.m[k / 3][k % 3] = r[k][l];
-            b.m[k / 3][k % 3] = f[k][l];
+    sb_real b[9][SB_POLAR_LANES], volume[SB_POLAR_LANES];
+    for (int j = 0; j < 3; j++) /* R^T dF */
+        for (int l = 0; l < SB_POLAR_LANES; l++) {
+            sb_real f0 = f[j][l], f1 = f[3 + j][l], f2 = f[6 + j][l];
+            b[j][l] = r[0][l] * f0 + r[3][l] * f1 + r[6][l] * f2;
+            b[3 + j][l] = r[1][l] * f0 + r[4][l] * f1 + r[7][l] * f2;
+            b[6 + j][l] = r[2][l] * f0 + r[5][l] * f1 + r[8][l] * f2;
         }
-        b = sb_m3_tmul(turn, b);
-        volume = lambda[l] * (b.m[0][0] + b.m[1][1] + b.m[2][2]);
-        for (int i = 0; i < 3; i++)
-            for (int j = 0; j < 3; j++)
-                s.m[i][j] = mu[l] * (b.m[i][j] + b.m[j][i]) + (i == j ? volume : (sb_real)0);
-        s = sb_m3_mul(turn, s);
-        for (int k = 0; k < 9; k++)
-            f[k][l] = s.m[k / 3][k % 3];
+    for (int l = 0; l < SB_POLAR_LANES; l++)
+        volume[l] = lambda[l] * (b[0][l] + b[4][l] + b[8][l]);
+    for (int k = 0; k < 9; k += 4)
+        for (int l = 0; l < SB_POLAR_LANES; l++)
+            b[k][l] = mu[l] * (b[k][l] + b[k][l]) + volume[l];
+    for (int l = 0; l < SB_POLAR_LANES; l++) {
+        b[1][l] = b[3][l] = mu[l] * (b[1][l] + b[3][l]);
+        b[2][l] = b[6][l] = mu[l] * (b[2][l] + b[6][l]);
+        b[5][l] = b[7][l] = mu[l] * (b[5][l] + b[7][l]);
     }
+    for (int i = 0; i < 9; i += 3)
+        for (int l = 0; l < SB_POLAR_LANES; l++) {
+            sb_real r0 = r[i][l], r1 = r[i + 1][l], r2 = r[i + 2][l];
+            f[i][l] = r0 * b[0][l] + r1 * b[3][l] + r2 * b[6][l];
+            f[i + 1][l] = r0 * b[1][l] + r1 * b[4][l] + r2 * b[7][l];
+            f[i + 2][l] = r0 * b[2][l] + r1 * b[5][l] + r2 * b[8][l];
+        }
 }
 
 /* d, sum: [3 (n - 1)] to work in. */

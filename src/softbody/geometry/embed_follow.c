@@ -77,6 +77,16 @@ static int sbi_embed_reserve_swaps(const sb_embedding *e, sbi_embed_follower *f,
     return 1;
 }
 
+/* Room for the faces of a cell more; 0: no memory. */
+static int sbi_embed_more_near_faces(const sb_embedding *e, sbi_embed_follower *f)
+{
+    int room = sbi_embed_roomy(f->near_count + f->faces);
+    if (!sbi_embed_grow_array(&e->allocator, (void **)&f->near_faces, (size_t)f->near_count, (size_t)room, sizeof(int)))
+        return 0;
+    f->near_room = room;
+    return 1;
+}
+
 /* ---- a part of the mesh to search ---- */
 
 /* What is searched, in the order in which it is. */
@@ -343,7 +353,7 @@ static int sbi_embed_list_changed(const sb_embedding *e, sbi_embed_follower *f)
         sbi_embed_list_held(e, f, c->made_cells[i], 0, &count);
     for (int i = 0; i < c->reshaped_cell_count; i++)
         sbi_embed_list_held(e, f, c->reshaped_cells[i], 0, &count);
-    for (int i = 0; i < f->changed_count; i++)
+    for (int i = 0; i < f->changed_count && e->report.inside < e->report.point_count; i++)
         for (int at = f->first[f->changed_nodes[i]]; at >= 0; at = f->next[at])
             sbi_embed_list_held(e, f, at / f->width, 1, &count);
     sbi_embed_clear_part(f);
@@ -443,29 +453,30 @@ static void sbi_embed_mark_old_place(const sb_embedding *e, sbi_embed_follower *
             sbi_embed_live_mark(f, rows->nodes + (size_t)g * (size_t)rows->width, a->groups[g].node_count);
 }
 
-/* Adds the outer faces around nodes that changed, each once; returns how many there are. arrays NULL: only counts. */
-static int sbi_embed_add_faces(const sbi_embed_follower *f, const sbi_embed_parts *parts, sbi_embed_arrays *arrays)
+/* Corner of a cell's face that is the first of its nodes to have changed, or -1. */
+static int sbi_embed_first_changed(const sbi_embed_follower *f, const int *nodes, const int *local)
 {
-    int count = 0;
-    for (int i = 0; i < f->changed_count; i++)
+    for (int a = 0; a < f->face_nodes; a++)
+        if (f->node_marks[nodes[local[a]]])
+            return local[a];
+    return -1;
+}
+
+/* Lists the outer faces around nodes that changed, each once; where no point needs a normal, none. 0: no memory. */
+static int sbi_embed_list_faces(const sb_embedding *e, sbi_embed_follower *f)
+{
+    f->near_count = 0;
+    for (int i = 0; i < f->changed_count && f->report.offset > 0; i++)
         for (int at = f->first[f->changed_nodes[i]]; at >= 0; at = f->next[at]) {
-            int cell = at / f->width, corner = at % f->width;
-            const int *nodes = f->cells + cell * f->width;
-            for (int k = 0; k < f->faces; k++) {
-                const int *local = f->local[k];
-                int face = cell * f->faces + k, a = 0;
-                if (f->outer[face] < 0)
-                    continue;
-                while (a < f->face_nodes && !f->node_marks[nodes[local[a]]])
-                    a++;
-                if (a == f->face_nodes || local[a] != corner)
-                    continue;
-                count++;
-                if (arrays)
-                    sbi_embed_add_face(arrays, parts, face);
-            }
+            int cell = at / f->width, corner = at - cell * f->width;
+            const int *outer = f->outer + cell * f->faces, *nodes = f->cells + cell * f->width;
+            if (f->faces > f->near_room - f->near_count && !sbi_embed_more_near_faces(e, f))
+                return 0;
+            for (int k = 0; k < f->faces; k++)
+                if (outer[k] >= 0 && sbi_embed_first_changed(f, nodes, f->local[k]) == corner)
+                    f->near_faces[f->near_count++] = cell * f->faces + k;
         }
-    return count;
+    return 1;
 }
 
 /* Room for the arrays after the change. */
@@ -481,7 +492,9 @@ static int sbi_embed_reserve_arrays(sb_embedding *e, sbi_embed_follower *f)
         sbi_embed_mark_place(f, &parts, &f->places[f->swaps[i].point]);
     }
     more.groups = more.blocks = f->swap_count; /* a point more makes one more at most */
-    more.faces = sbi_embed_add_faces(f, &parts, NULL);
+    if (!sbi_embed_list_faces(e, f))
+        return 0;
+    more.faces = f->near_count;
     touched = (int64_t)f->swap_count * f->width + (int64_t)more.faces * f->face_nodes;
     more.touched = (int)(touched < f->node_end ? touched : f->node_end);
     return sbi_embed_arrays_reserve(&e->allocator, a, &parts, &more);
@@ -525,7 +538,8 @@ static void sbi_embed_change_arrays(sb_embedding *e, sbi_embed_follower *f)
         sbi_embed_drop_faces(&e->arrays, f->changed_nodes[i]);
     sbi_merge_sort(f->sorted, f->sorted + e->report.point_count, count, sbi_embed_place_before, f);
     sbi_embed_add_groups(&e->arrays, &parts, f->sorted, count);
-    sbi_embed_add_faces(f, &parts, &e->arrays);
+    for (int i = 0; i < f->near_count; i++)
+        sbi_embed_add_face(&e->arrays, &parts, f->near_faces[i]);
 }
 
 /* ---- a whole mesh ---- */
@@ -561,6 +575,7 @@ SBI_API void sbi_embed_follower_free(const sb_embedding *e, sbi_embed_follower *
     sbi_free(allocator, f->part_cells);
     sbi_free(allocator, f->part_nodes);
     sbi_free(allocator, f->number);
+    sbi_free(allocator, f->near_faces);
     sbi_free(allocator, f->places);
     sbi_free(allocator, f->rank);
     sbi_free(allocator, f->sorted);

@@ -67,6 +67,7 @@ typedef struct sbi_embed_follower {
     int *part_cells, part_count;            /* [2][cell_room] cells that are searched, ascending, and scratch */
     int *part_nodes, part_node_count;       /* [node_room] */
     int *number;                            /* [node_room] of a node in the mesh that is searched */
+    int *near_faces, near_count, near_room; /* outer faces around nodes that changed, from reserve on */
 
     sbi_embed_place *places; /* [point_count] */
     int *rank;               /* [point_count] place in the embedding's order */

@@ -92,20 +92,25 @@ static void sbi_embed_live_clear_cell(sbi_embed_follower *f, int cell)
 
 /* ---- outer faces ---- */
 
+/* 1 when a cell has a node; the four of a tet4 without branches, which would be guessed wrong. */
+static int sbi_embed_live_has(const sbi_embed_follower *f, const int *cell, int node)
+{
+    int found = (cell[0] == node) | (cell[1] == node) | (cell[2] == node) | (cell[3] == node);
+    for (int a = 4; a < f->width; a++)
+        found |= cell[a] == node;
+    return found;
+}
+
 /* 1 when no other cell has the corners of this face. */
 static int sbi_embed_live_is_outer(const sbi_embed_follower *f, int cell, const int *local)
 {
     const int *nodes = f->cells + cell * f->width;
     for (int at = f->first[nodes[local[0]]]; at >= 0; at = f->next[at]) {
         const int *other = f->cells + at / f->width * f->width;
-        int shared = 1;
-        for (int c = 1; c < f->face_corners && shared && other != nodes; c++) {
-            int found = 0;
-            for (int a = 0; a < f->width && !found; a++)
-                found = other[a] == nodes[local[c]];
-            shared = found;
-        }
-        if (shared && other != nodes)
+        int shared = other != nodes;
+        for (int c = 1; c < f->face_corners && shared; c++)
+            shared = sbi_embed_live_has(f, other, nodes[local[c]]);
+        if (shared)
             return 0;
     }
     return 1;
@@ -129,19 +134,25 @@ static void sbi_embed_live_update_face(sbi_embed_follower *f, const sbi_embed_fa
         f->weights[(size_t)*row * (size_t)f->face_nodes + (size_t)a] = sbi_embed_face_angle(face, x, a);
 }
 
+/* 1 when all nodes of a face are marked. */
+static int sbi_embed_live_is_marked(const sbi_embed_follower *f, const int *nodes, const int *local)
+{
+    int all = 1;
+    for (int a = 0; a < f->face_nodes && all; a++)
+        all = f->node_marks[nodes[local[a]]] != 0;
+    return all;
+}
+
 /* The faces all of whose nodes are marked: others have the neighbours and the shape that they had. */
 static void sbi_embed_live_update_faces(sbi_embed_follower *f, const sbi_embed_face *face)
 {
     for (int i = 0; i < f->changed_count; i++)
         for (int at = f->first[f->changed_nodes[i]]; at >= 0; at = f->next[at]) {
-            const int *nodes = f->cells + at / f->width * f->width;
-            for (int k = 0; k < f->faces; k++) {
-                int all = f->local[k][0] == at % f->width;
-                for (int a = 0; a < f->face_nodes && all; a++)
-                    all = f->node_marks[nodes[f->local[k][a]]] != 0;
-                if (all)
-                    sbi_embed_live_update_face(f, face, at / f->width, k);
-            }
+            int cell = at / f->width, corner = at - cell * f->width;
+            const int *nodes = f->cells + cell * f->width;
+            for (int k = 0; k < f->faces; k++)
+                if (f->local[k][0] == corner && sbi_embed_live_is_marked(f, nodes, f->local[k]))
+                    sbi_embed_live_update_face(f, face, cell, k);
         }
 }
 

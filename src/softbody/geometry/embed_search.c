@@ -162,12 +162,26 @@ static void sbi_embed_minimise(const sbi_embed_model *model, int is_box, sbi_emb
     }
 }
 
+/* The same bits as the sums over shape functions and slopes, which are -1, 0 and 1. */
+static sb_vec3 sbi_embed_evaluate_tet(const sb_vec3 *x, const sb_real xi[3], sb_mat3 *jacobian)
+{
+    const sb_vec3 zero = sb_v3(0, 0, 0), minus = sb_v3_sub(zero, x[0]);
+    sb_vec3 at = sb_v3_madd(zero, 1 - xi[0] - xi[1] - xi[2], x[0]);
+    for (int a = 1; a < 4; a++)
+        at = sb_v3_madd(at, xi[a - 1], x[a]);
+    if (jacobian)
+        *jacobian = sb_m3_columns(sb_v3_add(minus, x[1]), sb_v3_add(minus, x[2]), sb_v3_add(minus, x[3]));
+    return at;
+}
+
 /* x(xi), and its Jacobian's columns if wanted, of an element with nodes at x. */
 static sb_vec3 sbi_embed_evaluate(sb_element_type type, const sb_vec3 *x, const sb_real xi[3], sb_mat3 *jacobian)
 {
     sb_real shape[SB_MAX_ELEMENT_NODES], gradient[SB_MAX_ELEMENT_NODES][3];
     int count = sb_element_node_count(type);
     sb_vec3 at = sb_v3(0, 0, 0);
+    if (type == SB_TET4)
+        return sbi_embed_evaluate_tet(x, xi, jacobian);
     sb_element_shape(type, xi, shape, jacobian ? gradient : NULL);
     for (int a = 0; a < count; a++)
         at = sb_v3_madd(at, shape[a], x[a]);

@@ -125,8 +125,20 @@ static sbi_embed_box sbi_embed_empty_box(void)
     return box;
 }
 
+/* Few by insertion: passes over digits cost thousands of steps whatever their number. Both are stable. */
+static void sbi_embed_insert_sort(const uint32_t *key, int count, int *order)
+{
+    for (int i = 0; i < count; i++) {
+        int at = i;
+        for (; at > 0 && key[order[at - 1]] > key[i]; at--)
+            order[at] = order[at - 1];
+        order[at] = i;
+    }
+}
+
 SBI_API void sbi_embed_sort(const sb_vec3 *points, int count, int *order, uint32_t *scratch)
 {
+    enum { FEW = 64 };
     uint32_t *key = scratch, *from = scratch + count, *to = from + count;
     sbi_embed_box box = sbi_embed_empty_box();
     sb_real side, inverse;
@@ -139,6 +151,10 @@ SBI_API void sbi_embed_sort(const sb_vec3 *points, int count, int *order, uint32
                  sbi_embed_spread(sbi_embed_morton_cell(points[i].y, box.low.y, inverse)) << 1 |
                  sbi_embed_spread(sbi_embed_morton_cell(points[i].z, box.low.z, inverse)) << 2;
         from[i] = (uint32_t)i;
+    }
+    if (count <= FEW) {
+        sbi_embed_insert_sort(key, count, order);
+        return;
     }
     for (int shift = 0; shift < 30; shift += 10) { /* three stable passes by ten bits */
         int start[1025];

@@ -142,6 +142,7 @@ static void sbi_equilibrium_mask(sbi_equilibrium *eq)
 {
     sb_body *b = eq->body;
     sbi_elimination *e = b->elimination;
+    sbi_kept_spoil(b);
     memcpy(eq->full.blocks, b->matrix.blocks, (size_t)b->matrix.block_count * sizeof b->matrix.blocks[0]);
     eq->matrix = e ? &e->matrix : &b->matrix;
     if (e) {

@@ -311,21 +311,20 @@ SB_API void sb_matrix_clear(sb_matrix *matrix)
 
 SB_API int sb_matrix_find(const sb_matrix *matrix, int i, int j)
 {
-    int low, high;
+    int place, length;
     if (!matrix)
         return 0;
     if (i < 0 || j < 0 || i >= matrix->row_count || j >= matrix->row_count)
         return -1;
-    low = matrix->row_start[i];
-    high = matrix->row_end[i];
-    while (low < high) {
-        int middle = low + (high - low) / 2;
-        if (matrix->columns[middle] < j)
-            low = middle + 1;
-        else
-            high = middle;
+    place = matrix->row_start[i];
+    length = matrix->row_end[i] - place;
+    while (length > 1) { /* halves without branches, which would be guessed wrong every other time */
+        int half = length / 2;
+        place += half & -(matrix->columns[place + half - 1] < j);
+        length -= half;
     }
-    return low < matrix->row_end[i] && matrix->columns[low] == j ? low : -1;
+    place += length > 0 && matrix->columns[place] < j;
+    return place < matrix->row_end[i] && matrix->columns[place] == j ? place : -1;
 }
 
 /* ---- products ------------------------------------------------------------------------------------------ */

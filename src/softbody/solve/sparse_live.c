@@ -646,12 +646,26 @@ static void sbi_live_join_neighbours(sb_matrix *matrix, int mark)
     }
 }
 
-/* 1 when no part has come apart: nodes that lost couplings to each other, directly or by way of nodes that are gone,
- * still hang together by couplings of rows with this mark. 0: that has to be looked into. */
-static int sbi_live_parts_hold_by(sb_matrix *matrix, int mark)
+/* Joins, in `held`, rows that lost something and are coupled. */
+static void sbi_live_join_losers(sb_matrix *matrix)
 {
     sbi_matrix_live *live = matrix->live;
-    sbi_live_join_neighbours(matrix, mark);
+    for (int k = 0; k < live->touched_count; k++)
+        live->held[live->touched[k]] = live->touched[k];
+    for (int k = 0; k < live->touched_count; k++) {
+        int i = live->touched[k];
+        if (live->marks[i] != SBI_LIVE_LOSER)
+            continue;
+        for (int q = matrix->row_start[i]; q < matrix->diagonal[i]; q++)
+            if (live->marks[matrix->columns[q]] == SBI_LIVE_LOSER)
+                sbi_live_join(live->held, i, matrix->columns[q]);
+    }
+}
+
+/* 1 when nodes that lost couplings to each other, directly or by way of nodes that are gone, are joined in `held`. */
+static int sbi_live_losers_hold(sb_matrix *matrix)
+{
+    sbi_matrix_live *live = matrix->live;
     for (int k = 0; k < live->touched_count; k++)
         live->seen[live->touched[k]] = -1;
     for (int k = 0; k < live->touched_count; k++) {
@@ -667,10 +681,17 @@ static int sbi_live_parts_hold_by(sb_matrix *matrix, int mark)
     return 1;
 }
 
-/* Mostly the rows that lost something are enough to see it. */
+/* 1 when no part has come apart; 0: that has to be looked into. Mostly couplings of the rows that lost something to
+ * each other are enough to see it, or to neighbours that they have in common. */
 static int sbi_live_parts_hold(sb_matrix *matrix)
 {
-    return sbi_live_parts_hold_by(matrix, SBI_LIVE_LOSER) || sbi_live_parts_hold_by(matrix, 1);
+    sbi_live_join_losers(matrix);
+    for (int mark = SBI_LIVE_LOSER; !sbi_live_losers_hold(matrix); mark--) {
+        if (mark == 0)
+            return 0;
+        sbi_live_join_neighbours(matrix, mark);
+    }
+    return 1;
 }
 
 /* Gives new nodes the part of a neighbour; 0: there is a new part, or two have met. */

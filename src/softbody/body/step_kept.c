@@ -1,0 +1,246 @@
+/* step_kept: linearised steps that go on with the tangent and the preconditioner of a step before.
+ *
+ * A' stands for A: it has the same factors, but the rotations of an earlier shape. It multiplies only what the
+ * increment x differs by from the way x0 that the nodes coast, A' (x - x0) = -r - A x0, so that x is off by A^-1 (A' -
+ * A) (x - x0): by the angle that elements have turned since, of what the motion changes by within the step. A x0 and
+ * the damping force need no matrix: sbi_assembly_multiply. What is solved is written as A' x = -(r + (A - A') x0),
+ * where all that follows (guests, reactions) finds the system that it knows.
+ *
+ * Others may have used the matrix meanwhile: what A' was made of is kept, and gives the same bits again. It has two
+ * places; the next one is made in the other, so that a step that fails gives the one before back. */
+#include <string.h>
+
+#include "../solve/sparse_live.h"
+#include "step_private.h"
+
+/* ---- what is kept ---- */
+
+static void sbi_kept_layout(const sb_body *b, sbi_kept *kept, sbi_arena *arena)
+{
+    size_t cells = (size_t)sbi_assembly_cell_room(&b->domain), nodes = (size_t)b->node_capacity;
+    kept->rotation_count = (cells + SB_POLAR_LANES - 1) / SB_POLAR_LANES * 4 * SB_POLAR_LANES;
+    for (int k = 0; k < 2; k++) {
+        kept->rotations[k] = (sb_real *)sbi_arena_take(arena, kept->rotation_count, sizeof(sb_real));
+        kept->positions[k] = (sb_vec3 *)sbi_arena_take(arena, nodes, sizeof(sb_vec3));
+        kept->fixed[k] = (unsigned char *)sbi_arena_take(arena, nodes, 1);
+    }
+}
+
+SBI_API int sbi_kept_take(sb_body *to)
+{
+    sbi_arena arena;
+    sbi_kept *kept, made;
+    memset(&arena, 0, sizeof arena);
+    memset(&made, 0, sizeof made);
+    (void)sbi_arena_take(&arena, 1, sizeof *kept);
+    sbi_kept_layout(to, &made, &arena);
+    if (arena.overflow)
+        return 0;
+    arena.base = (unsigned char *)sbi_alloc_zeroed(&to->allocator, arena.used, 1);
+    if (!arena.base)
+        return 0;
+    arena.used = 0;
+    kept = (sbi_kept *)sbi_arena_take(&arena, 1, sizeof *kept);
+    sbi_kept_layout(to, kept, &arena);
+    for (size_t i = 0; i < kept->rotation_count; i++) /* lanes without a cell stay none that could overflow */
+        kept->rotations[0][i] = kept->rotations[1][i] = (i / SB_POLAR_LANES) % 4 == 0 ? (sb_real)1 : (sb_real)0;
+    to->kept = kept;
+    return 1;
+}
+
+SBI_API void sbi_kept_forget(sb_body *body)
+{
+    if (body->kept)
+        body->kept->made.valid = body->kept->current = 0;
+}
+
+SBI_API int sbi_kept_is_valid(const sb_body *b)
+{
+    const sbi_kept *kept = b->kept;
+    return kept && kept->made.valid &&
+           memcmp(kept->fixed[kept->made.slot], b->fixed, (size_t)b->domain.node_count) == 0;
+}
+
+SBI_API void sbi_kept_save(sb_body *body)
+{
+    if (body->kept)
+        body->kept->saved = body->kept->made;
+}
+
+SBI_API void sbi_kept_restore(sb_body *body)
+{
+    sbi_kept *kept = body->kept;
+    if (!kept)
+        return;
+    if (kept->made.slot != kept->saved.slot)
+        kept->current = 0;
+    kept->made = kept->saved;
+}
+
+/* ---- whether it serves ---- */
+
+static int sbi_kept_has_taken_nodes(const sbi_guests *guests)
+{
+    for (int g = 0; g < guests->count; g++)
+        if (guests->list[g]->taken_count > 0)
+            return 1;
+    return 0;
+}
+
+/* 1: all of A is a matter of the rotations and of two factors, and all of the preconditioner one of A and positions. */
+static int sbi_kept_may(const sbi_step *step)
+{
+    const sb_body *b = step->body;
+    const sbi_assembly *assembly = &b->assembly;
+    return b->kept && b->kept->angle > 0 && step->dynamic && step->linearised && !step->moves_supports &&
+           assembly->batched && assembly->batch_quats && !b->elimination && b->load_count == 0 && !step->touch &&
+           !step->pushed && !b->regional_damping && !(assembly->rows && assembly->rows->count) &&
+           !(assembly->glue && assembly->glue->count) && !sbi_kept_has_taken_nodes(&step->guests) &&
+           sb_preconditioner_get_info(b->precond).kind != SB_PRECOND_MULTIGRID;
+}
+
+/* Largest square of the distance between the quaternions of a batch and those that were kept, which is half the angle
+ * between the rotations. */
+static sb_real sbi_kept_distance(const sb_real *now, const sb_real *then, int count)
+{
+    sb_real largest = 0;
+    for (int l = 0; l < count; l++) {
+        sb_real sum = 0;
+        for (int k = 0; k < 4; k++) {
+            sb_real d = now[k * SB_POLAR_LANES + l] - then[k * SB_POLAR_LANES + l];
+            sum += d * d;
+        }
+        largest = sb_max(largest, sum);
+    }
+    return largest;
+}
+
+static int sbi_kept_has_turned(const sb_body *b)
+{
+    const sbi_kept *kept = b->kept;
+    const sb_real *now = b->assembly.batch_quats, *then = kept->rotations[kept->made.slot];
+    sb_real most = kept->angle * kept->angle / 4;
+    int cells = b->domain.cell_count;
+    for (int e = 0; e < cells; e += SB_POLAR_LANES, now += 4 * SB_POLAR_LANES, then += 4 * SB_POLAR_LANES)
+        if (!(sbi_kept_distance(now, then, sbi_min_int(SB_POLAR_LANES, cells - e)) <= most))
+            return 1;
+    return 0;
+}
+
+static int sbi_kept_serves(const sbi_step *step)
+{
+    const sbi_kept_made *made = &step->body->kept->made;
+    return sbi_kept_is_valid(step->body) && made->mass == sbi_step_mass_factor(step) &&
+           made->stiffness == sbi_step_stiffness_factor(step) && !sbi_kept_has_turned(step->body);
+}
+
+/* ---- of a step ---- */
+
+/* The body's matrix, support rows and preconditioner as they were when what is kept was noted. */
+static sb_result sbi_kept_make(sbi_step *step)
+{
+    sb_body *b = step->body;
+    const sbi_kept *kept = b->kept;
+    sbi_precond_memory memory = sbi_precond_get_memory(b->precond);
+    sb_real *rotations = b->assembly.batch_quats;
+    size_t bytes = (size_t)b->domain.node_count * sizeof(sb_vec3);
+    sb_result result;
+    b->assembly.batch_quats = kept->rotations[kept->made.slot];
+    sbi_assembly_tangent(&b->assembly, b->displacement, SB_TANGENT_QUASI, kept->made.stiffness, &b->matrix);
+    b->assembly.batch_quats = rotations;
+    sbi_body_add_mass(b, kept->made.mass);
+    memset(b->work, 0, bytes);
+    memset(b->work2, 0, bytes);
+    sbi_step_mask(b, b->work, b->work2);
+    result = sbi_body_settle_preconditioner(b, &step->info->error);
+    if (result != SB_OK)
+        return result;
+    sbi_precond_set_memory(b->precond, kept->made.before);
+    result = sbi_pcg_update_preconditioner(b->precond, &b->matrix, kept->positions[kept->made.slot], &step->guests,
+                                           &b->pcg, &step->info->error);
+    sbi_precond_set_memory(b->precond, memory);
+    return result;
+}
+
+SBI_API sb_result sbi_kept_begin(sbi_step *step)
+{
+    sb_body *b = step->body;
+    sb_result result;
+    step->keeps = step->notes = 0;
+    if (!sbi_kept_may(step))
+        return SB_OK;
+    step->keeps = sbi_kept_serves(step);
+    step->notes = !step->keeps;
+    if (step->notes || b->kept->current)
+        return SB_OK;
+    result = sbi_kept_make(step);
+    b->kept->current = result == SB_OK;
+    return result;
+}
+
+SBI_API void sbi_kept_note(sbi_step *step, sbi_precond_memory before)
+{
+    sb_body *b = step->body;
+    sbi_kept *kept = b->kept;
+    size_t nodes = (size_t)b->domain.node_count;
+    int slot = 1 - kept->made.slot;
+    kept->made.valid = kept->current = 1;
+    kept->made.slot = slot;
+    kept->made.mass = sbi_step_mass_factor(step);
+    kept->made.stiffness = sbi_step_stiffness_factor(step);
+    kept->made.before = before;
+    memcpy(kept->rotations[slot], b->assembly.batch_quats, kept->rotation_count * sizeof(sb_real));
+    memcpy(kept->positions[slot], b->position, nodes * sizeof(sb_vec3));
+    memcpy(kept->fixed[slot], b->fixed, nodes);
+}
+
+/* residual -= A' x0, x0 in body->work: rows of supports are masked in the matrix. */
+static void sbi_kept_subtract_product(sb_body *b)
+{
+    const sb_matrix *matrix = &b->matrix;
+    const sb_real(*row)[9] = (const sb_real(*)[9])b->support_blocks;
+    sb_matrix_multiply(matrix, &b->work[0].x, &b->work2[0].x, &b->jobs);
+    for (int i = 0; i < matrix->row_count; i++) {
+        sb_vec3 sum = sb_v3(0, 0, 0);
+        int has_row = b->fixed[i] && b->node_component[i] >= 0;
+        for (int k = matrix->row_start[i]; has_row && k < matrix->row_end[i]; k++, row++)
+            sum = sb_v3_add(sum, sbi_step_block_product(*row, b->work[matrix->columns[k]]));
+        b->residual[i] = sb_v3_sub(b->residual[i], has_row ? sum : b->work2[i]);
+    }
+}
+
+SBI_API void sbi_kept_add_coasting(sbi_step *step)
+{
+    sb_body *b = step->body;
+    int n = b->domain.node_count;
+    sb_real damping = sbi_body_has_beta(b) && step->has_velocity ? sbi_step_beta(b) : 0;
+    sb_real mass = sbi_step_mass_factor(step), stiffness = sbi_step_stiffness_factor(step);
+    for (int i = 0; i < n; i++)
+        b->work[i] = sb_v3_madd(sb_v3_scale(damping, sbi_step_velocity(step, i)), stiffness, sbi_step_coast(step, i));
+    (void)sbi_assembly_multiply(&b->assembly, b->work, b->work2);
+    for (int i = 0; i < n; i++) {
+        b->residual[i] = sb_v3_add(b->residual[i], b->work2[i]);
+        b->work[i] = sbi_step_coast(step, i);
+    }
+    sbi_body_mass_multiply(b, b->work, b->work2);
+    for (int i = 0; i < n; i++)
+        b->residual[i] = sb_v3_madd(b->residual[i], mass, b->work2[i]);
+    sbi_kept_subtract_product(b);
+}
+
+/* ---- the setting ---- */
+
+SB_API sb_result sb_body_keep_tangent(sb_body *body, sb_real angle, sb_error *error)
+{
+    if (!body || !(angle >= 0) || !(angle <= 1))
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "a tangent is kept up to an angle of 0 to 1, not %g", (double)angle);
+    if (!body->assembly.batch_quats)
+        return sbi_fail(error, SB_ERROR_UNSUPPORTED, "only bodies of tet4 keep their tangent");
+    if (angle > 0 && !body->kept && !sbi_kept_take(body))
+        return sbi_fail(error, SB_ERROR_MEMORY, "no memory to keep a tangent");
+    sbi_kept_forget(body);
+    if (body->kept)
+        body->kept->angle = angle;
+    sbi_body_tell(body, SBI_COMMAND_KEEP_TANGENT, 0, 0, NULL, 0, &angle, 1);
+    return SB_OK;
+}
