@@ -3,6 +3,7 @@
  * changes a bit; nothing is allocated. */
 #include "image.h"
 #include "needle_scene.h"
+#include "particle_scene.h"
 #include "random_case.h"
 
 /* ---- a body that swings -------------------------------------------------------------------------------- */
@@ -174,6 +175,53 @@ static void test_rest(void)
     sb_mesh_free(&kept.mesh);
 }
 
+/* A block of nearly incompressible tissue falls against its support in long steps. Returns the largest displacement on
+ * the way; *rest: the displacements at last, to be freed. */
+static double fall(sb_mesh *mesh, double poisson, double dt, double angle, sb_vec3 **rest)
+{
+    sb_body_def def = sb_default_body_def();
+    sb_body *body;
+    size_t size = (size_t)mesh->node_count * sizeof(sb_vec3);
+    double most = 0;
+    def.mesh = mesh;
+    def.material = sb_material_corotated(10000, REAL(poisson), 1000);
+    def.gravity = sb_v3(0, 0, REAL(-9.81));
+    def.max_newton = 1;
+    def.tolerance = REAL(scene_tolerance(1e-9, 1e3));
+    def.max_iterations = 2000;
+    body = scene_body(&def);
+    *rest = (sb_vec3 *)calloc(1, size);
+    if (!CHECK(body && *rest) || !CHECK(scene_fix_plane(body, mesh, 0, 0, SB_XYZ) > 0))
+        return 0;
+    CHECK_OK(sb_body_keep_tangent(body, REAL(angle), NULL));
+    for (int i = 0; i < 250; i++) {
+        CHECK_OK(sb_body_step(body, REAL(dt), NULL));
+        most = fmax(most, largest(sb_body_displacements(body), mesh->node_count));
+    }
+    memcpy(*rest, sb_body_displacements(body), size);
+    sb_body_destroy(body);
+    return most;
+}
+
+/* Whatever the angle, long steps gain nothing by what they keep, and come to rest. */
+static void test_long_steps(void)
+{
+    static const double cases[][3] = {{0.45, 0.1, 0.3}, {0.49, 0.02, 0.1}, {0.499, 0.02, 0.05}, {0.499, 0.1, 1}};
+    sb_mesh mesh = scene_box(SB_TET4, 5, 2, 2, sb_v3(REAL(0.1), REAL(0.03), REAL(0.03)), 0);
+    for (int k = 0; k < check_rounds(4); k++) {
+        sb_vec3 *kept, *fresh;
+        double at_most = fall(&mesh, cases[k][0], cases[k][1], 0, &fresh);
+        double most = fall(&mesh, cases[k][0], cases[k][1], cases[k][2], &kept);
+        if (!CHECK(most < 1.1 * at_most) ||
+            !CHECK(scene_distance(kept, fresh, mesh.node_count) < scene_tolerance(1e-5, 1e3) * at_most))
+            printf("Poisson's ratio %g, steps of %g s, kept up to %g: moved by %g, not %g\n", cases[k][0], cases[k][1],
+                   cases[k][2], most, at_most);
+        free(kept);
+        free(fresh);
+    }
+    sb_mesh_free(&mesh);
+}
+
 /* About the origin, of unit masses. */
 static sb_vec3 sum_of_spins(const sb_body *body)
 {
@@ -284,6 +332,73 @@ static void test_bits(void)
     swing_free(&seen);
     swing_free(&loaded);
     sb_mesh_free(&plain.mesh);
+}
+
+/* A state is taken while a node that was held is free, and then it is held again. */
+static void test_supports(void)
+{
+    swing s[2];
+    void *state;
+    size_t size;
+    int held = -1;
+    for (int k = 0; k < 2; k++) {
+        s[k] = swing_begin(6, 1);
+        if (!CHECK(swing_make(&s[k])))
+            return;
+    }
+    swing_run(&s[0], 3); /* what is kept then is not what comes from rest */
+    CHECK_OK(sb_body_keep_tangent(s[0].body, REAL(0.5), NULL));
+    swing_run(&s[0], 3);
+    CHECK_INT(s[0].made, 4);
+    for (int i = 0; i < s[0].mesh.node_count; i++)
+        if (sb_body_supports(s[0].body)[i] == SB_XYZ)
+            held = i;
+    CHECK_OK(sb_body_release(s[0].body, &held, 1, SB_Y, NULL));
+    size = sb_body_state_size(s[0].body);
+    state = malloc(size);
+    CHECK_OK(sb_body_state_save(s[0].body, state, size));
+    CHECK_OK(sb_body_state_load(s[1].body, state, size, NULL));
+    free(state);
+    s[1].steps = s[0].steps;
+    for (int k = 0; k < 2; k++) {
+        CHECK_OK(sb_body_hold(s[k].body, &held, 1, SB_Y, NULL));
+        swing_run(&s[k], 5);
+    }
+    same_bits(s[0].body, s[1].body, "a support that came back");
+    s[0].made = 0;
+    CHECK_OK(sb_body_hold(s[0].body, &held, 1, SB_XYZ, NULL)); /* as it is */
+    CHECK_OK(sb_body_release(s[0].body, &s[0].node, 1, SB_XYZ, NULL));
+    swing_run(&s[0], 1);
+    CHECK_INT(s[0].made, 0);
+    for (int k = 0; k < 2; k++) {
+        swing_free(&s[k]);
+        sb_mesh_free(&s[k].mesh);
+    }
+}
+
+/* Nothing is remembered. */
+static void test_reset(void)
+{
+    swing s[2];
+    for (int k = 0; k < 2; k++) {
+        s[k] = swing_begin(6, 1);
+        if (!CHECK(swing_make(&s[k])))
+            return;
+    }
+    swing_run(&s[1], 3);
+    for (int k = 0; k < 2; k++)
+        CHECK_OK(sb_body_keep_tangent(s[k].body, REAL(0.5), NULL));
+    swing_run(&s[1], 3);
+    CHECK_INT(s[1].made, 4);
+    sb_body_reset(s[1].body);
+    s[1].steps = 0;
+    for (int k = 0; k < 2; k++)
+        swing_run(&s[k], 9);
+    same_bits(s[0].body, s[1].body, "a reset");
+    for (int k = 0; k < 2; k++) {
+        swing_free(&s[k]);
+        sb_mesh_free(&s[k].mesh);
+    }
 }
 
 /* States without it switch it off; one with an angle that none can be is refused. */
@@ -490,6 +605,26 @@ static void test_memory(void)
     sb_mesh_free(&s.mesh);
 }
 
+/* Clouds go through the same loops as tet4. */
+static void test_cloud(void)
+{
+    unsigned long long seed = 5;
+    particle_cloud cloud = random_cloud(&seed, 3, 2, 2, 0.1, 0.1);
+    sb_particles_def def = sb_default_particles_def();
+    sb_particles particles;
+    sb_body_def body_def;
+    sb_body *body;
+    cloud_use(&cloud, &def);
+    particles = make_particles(&def);
+    body_def = cloud_body_def(&particles, sb_material_corotated(1000, REAL(0.3), 1000));
+    body = scene_body(&body_def);
+    if (CHECK(body != NULL))
+        CHECK_RESULT(sb_body_keep_tangent(body, REAL(0.1), NULL), SB_ERROR_UNSUPPORTED);
+    sb_body_destroy(body);
+    sb_particles_free(&particles);
+    cloud_free(&cloud);
+}
+
 static void test_errors(void)
 {
     swing s = swing_begin(2, 1);
@@ -553,7 +688,9 @@ static void test_needle(void)
 }
 
 CHECK_SUITE(kept_tangent, {"against tangents made anew", test_accuracy}, {"at rest", test_rest},
-            {"a free body", test_free}, {"looks, failures and states leave the bits", test_bits},
-            {"states without it", test_states}, {"threads", test_threads}, {"recording", test_recording},
-            {"changes ask for another", test_changes}, {"a mesh that changes", test_mesh}, {"memory", test_memory},
-            {"errors", test_errors}, {"a needle at 1 kHz", test_needle});
+            {"long steps", test_long_steps}, {"a free body", test_free},
+            {"looks, failures and states leave the bits", test_bits}, {"a support that comes back", test_supports},
+            {"reset", test_reset}, {"states without it", test_states}, {"threads", test_threads},
+            {"recording", test_recording}, {"changes ask for another", test_changes},
+            {"a mesh that changes", test_mesh}, {"memory", test_memory}, {"errors", test_errors},
+            {"clouds", test_cloud}, {"a needle at 1 kHz", test_needle});

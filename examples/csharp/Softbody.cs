@@ -3896,7 +3896,11 @@ public static unsafe class Native
     /// of what a step costs that moves little. angle (rad, 0 to 1): they are made anew once an element has turned by more
     /// since; 0, as bodies are made: in each step. 0.02 to 0.1 serve. Forces and damping are those of the present shape in
     /// any case, and so is the tangent times the way that nodes coast: a step is off by about the angle times what its
-    /// motion changes by within it, and bodies come to rest where they would otherwise. What is kept is part of the state.
+    /// motion changes by within it, and bodies come to rest where they would otherwise. Where the works of the kept and of
+    /// the present tangent on that change differ by more than a share of 0.25, or of the angle where that is less, the step
+    /// is solved once more, with its own, which sb_step_info counts: nearly incompressible or slender bodies would gain
+    /// energy in long steps. What is kept is part of the state.
+    ///
     /// Made anew in each step all the same: where materials are not all SB_COROTATED, where there are constraints, loads
     /// that follow the body (springs, pressures, mappings, cables), tools, contact, damping by region, glue or supports that
     /// move, with multigrid, and by needles with NDL_REMESH; and once after each change of dt, supports, materials or mesh.
@@ -3962,7 +3966,8 @@ public static unsafe class Native
     /// <summary>
     /// Overwrites the motion (any finite values, inside-out shapes included); SB_ERROR_NOT_FINITE changes nothing. To Prony
     /// terms a new shape is a sudden strain: their memory stays. What comes after agrees with the original run up to
-    /// rounding, not to the last bit: solver warm starts are not part of it (sb_body_state_load has them).
+    /// rounding, not to the last bit: solver warm starts are not part of it (sb_body_state_load has them), nor is a tangent
+    /// that steps keep.
     /// </summary>
     [DllImport(Library, CallingConvention = CallingConvention.Cdecl)]
     public static extern sb_result sb_body_set_displacements(sb_body* body, sb_vec3* displacements);

@@ -149,7 +149,11 @@ SB_API sb_result sb_body_set_solver(sb_body *body, sb_real tolerance, int max_it
  * of what a step costs that moves little. angle (rad, 0 to 1): they are made anew once an element has turned by more
  * since; 0, as bodies are made: in each step. 0.02 to 0.1 serve. Forces and damping are those of the present shape in
  * any case, and so is the tangent times the way that nodes coast: a step is off by about the angle times what its
- * motion changes by within it, and bodies come to rest where they would otherwise. What is kept is part of the state.
+ * motion changes by within it, and bodies come to rest where they would otherwise. Where the works of the kept and of
+ * the present tangent on that change differ by more than a share of 0.25, or of the angle where that is less, the step
+ * is solved once more, with its own, which sb_step_info counts: nearly incompressible or slender bodies would gain
+ * energy in long steps. What is kept is part of the state.
+ *
  * Made anew in each step all the same: where materials are not all SB_COROTATED, where there are constraints, loads
  * that follow the body (springs, pressures, mappings, cables), tools, contact, damping by region, glue or supports that
  * move, with multigrid, and by needles with NDL_REMESH; and once after each change of dt, supports, materials or mesh.
@@ -196,7 +200,8 @@ SB_API const sb_vec3 *sb_body_displacements(const sb_body *body); /* [node_count
 SB_API const sb_vec3 *sb_body_velocities(const sb_body *body);    /* [node_count] (m/s) */
 /* Overwrites the motion (any finite values, inside-out shapes included); SB_ERROR_NOT_FINITE changes nothing. To Prony
  * terms a new shape is a sudden strain: their memory stays. What comes after agrees with the original run up to
- * rounding, not to the last bit: solver warm starts are not part of it (sb_body_state_load has them). */
+ * rounding, not to the last bit: solver warm starts are not part of it (sb_body_state_load has them), nor is a tangent
+ * that steps keep. */
 SB_API sb_result sb_body_set_displacements(sb_body *body, const sb_vec3 *displacements);
 SB_API sb_result sb_body_set_velocities(sb_body *body, const sb_vec3 *velocities);
 /* Back to the reference shape at rest, with nothing remembered; supports, loads and materials stay. */

@@ -12,9 +12,11 @@ static void sbi_kept_layout(const sb_body *b, sbi_kept *kept, sbi_arena *arena)
     for (int k = 0; k < 2; k++) {
         kept->rotations[k] = (sb_real *)sbi_arena_take(arena, kept->rotation_count, sizeof(sb_real));
         kept->positions[k] = (sb_vec3 *)sbi_arena_take(arena, nodes, sizeof(sb_vec3));
-        kept->fixed[k] = (unsigned char *)sbi_arena_take(arena, nodes, 1);
     }
 }
+
+/* Clouds are batched as tet4 are, but nobody has measured how theirs do. */
+SBI_API int sbi_kept_fits(const sb_body *b) { return b->domain.element_type == SB_TET4 && b->assembly.batch_quats; }
 
 SBI_API int sbi_kept_take(sb_body *to)
 {
@@ -47,8 +49,7 @@ SBI_API void sbi_kept_forget(sb_body *body)
 SBI_API int sbi_kept_is_valid(const sb_body *b)
 {
     const sbi_kept *kept = b->kept;
-    return kept && kept->made.valid &&
-           memcmp(kept->fixed[kept->made.slot], b->fixed, (size_t)b->domain.node_count) == 0;
+    return kept && kept->made.valid;
 }
 
 SBI_API void sbi_kept_note(sb_body *b, sbi_precond_memory before)
@@ -63,7 +64,6 @@ SBI_API void sbi_kept_note(sb_body *b, sbi_precond_memory before)
     kept->made.before = before;
     memcpy(kept->rotations[slot], b->assembly.batch_quats, kept->rotation_count * sizeof(sb_real));
     memcpy(kept->positions[slot], b->position, nodes * sizeof(sb_vec3));
-    memcpy(kept->fixed[slot], b->fixed, nodes);
 }
 
 SBI_API void sbi_kept_save(sb_body *body)
@@ -88,7 +88,7 @@ SB_API sb_result sb_body_keep_tangent(sb_body *body, sb_real angle, sb_error *er
 {
     if (!body || !(angle >= 0) || !(angle <= 1))
         return sbi_fail(error, SB_ERROR_ARGUMENT, "a tangent is kept up to an angle of 0 to 1, not %g", (double)angle);
-    if (!body->assembly.batch_quats)
+    if (!sbi_kept_fits(body))
         return sbi_fail(error, SB_ERROR_UNSUPPORTED, "only bodies of tet4 keep their tangent");
     if (angle > 0 && !body->kept && !sbi_kept_take(body))
         return sbi_fail(error, SB_ERROR_MEMORY, "no memory to keep a tangent");

@@ -106,7 +106,6 @@ typedef struct sbi_kept {
     sbi_kept_made made, saved; /* saved: at the start of that */
     sb_real *rotations[2];     /* [rotation_count] as assembly.batch_quats */
     sb_vec3 *positions[2];     /* [node_capacity] (m) of the preconditioner's pieces */
-    unsigned char *fixed[2];   /* [node_capacity] */
 } sbi_kept;
 
 /* A call that changed a body, as its observer hears of it. A new mutator gets a code here, tells its body, and gets a
@@ -514,11 +513,13 @@ SB_INLINE unsigned sbi_body_held(const sb_body *body, int i)
     return body->elimination ? (unsigned)(body->fixed[i] | body->elimination->slave[i]) : body->fixed[i];
 }
 /* ---- body_kept ---- */
+/* 1: it is of elements whose tangents may be kept. */
+SBI_API int sbi_kept_fits(const sb_body *body);
 /* Room in `to`, of its own size, for a tangent that it has not made yet; the angle stays what it is. 0: no memory. */
 SBI_API int sbi_kept_take(sb_body *to);
 /* Nothing is kept any more: what the tangent depends on has changed. */
 SBI_API void sbi_kept_forget(sb_body *body);
-/* 1: there is a tangent of the supports of now. */
+/* 1: there is a tangent. */
 SBI_API int sbi_kept_is_valid(const sb_body *body);
 /* The system of a step of these factors and the present shape is made, of a preconditioner that remembered `before`. */
 SBI_API void sbi_kept_note(sb_body *body, sbi_precond_memory before);

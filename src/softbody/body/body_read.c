@@ -144,6 +144,7 @@ SB_API void sb_body_reset(sb_body *body)
         sbi_precond_forget(body->elimination->precond);
     }
     sbi_precond_forget(body->precond);
+    sbi_kept_forget(body);
     memset(&body->guard, 0, sizeof body->guard);
     sbi_assembly_reset_rotations(&body->assembly);
     sbi_assembly_forget(&body->assembly, -1, body->displacement);

@@ -250,6 +250,8 @@ static sb_result sbi_body_support(sb_body *body, const int *nodes, int count, in
         int node = nodes[i];
         if (!body->fixed[node])
             body->support_used += sbi_body_row_length(body, node);
+        if (axes & ~body->fixed[node])
+            sbi_kept_forget(body);
         body->fixed[node] |= (unsigned char)axes;
         body->target[node] =
             sbi_body_pick_axes((unsigned)axes, sbi_body_support_target(body, targets, node, i), body->target[node]);
@@ -350,6 +352,8 @@ SB_API sb_result sb_body_release(sb_body *body, const int *nodes, int count, int
     for (int i = 0; i < count; i++)
         if (body->node_component[nodes[i]] >= 0) {
             int held = body->fixed[nodes[i]];
+            if (held & axes)
+                sbi_kept_forget(body);
             body->fixed[nodes[i]] &= (unsigned char)~axes;
             if (held && !body->fixed[nodes[i]])
                 body->support_used -= sbi_body_row_length(body, nodes[i]);

@@ -1288,7 +1288,7 @@ static void sbi_state_kept(sb_body *body, sbi_state_walk *walk)
     sb_real angle = sbi_state_real(walk, kept ? kept->angle : 0);
     sb_vec3 *positions = valid || reads ? kept->positions[slot] : body->position;
     sb_real *rotations = valid || reads ? kept->rotations[slot] : body->assembly.batch_quats;
-    if (walk->pass == SBI_STATE_CHECK && !body->assembly.batch_quats)
+    if (walk->pass == SBI_STATE_CHECK && !sbi_kept_fits(body))
         sbi_state_refuse(walk, sbi_fail(walk->error, SB_ERROR_FORMAT, "only bodies of tet4 keep their tangent"));
     if (walk->pass == SBI_STATE_RESERVE && !kept && !sbi_kept_take(body))
         sbi_state_refuse(walk, sbi_fail(walk->error, SB_ERROR_MEMORY, "no memory to keep a tangent"));
@@ -1311,7 +1311,6 @@ static void sbi_state_kept(sb_body *body, sbi_state_walk *walk)
     kept->angle = angle;
     kept->current = 0;
     kept->made = kept->saved = made;
-    memcpy(kept->fixed[slot], body->fixed, (size_t)body->domain.node_count);
 }
 
 /* ---- a mesh that may change ---- */

@@ -78,9 +78,24 @@ SBI_API sb_result sbi_step_linearise(sbi_step *step)
     return sbi_step_project(step, sbi_step_make_system(step));
 }
 
+/* Solves a linearised step again whose tangent was kept too long: with its own. */
+static sb_result sbi_step_solve_anew(sbi_step *step)
+{
+    sb_result result;
+    sbi_step_undo_guests(step);
+    step->keeps = 0;
+    step->notes = 1;
+    sbi_step_tangent(step, SB_TANGENT_QUASI);
+    sbi_step_residual(step);
+    result = sbi_step_make_system(step);
+    return result == SB_OK ? sbi_step_solve_system(step) : result;
+}
+
 SBI_API sb_result sbi_step_solve(sbi_step *step)
 {
     sb_result result = sbi_step_solve_system(step);
+    if (result == SB_OK && step->keeps && !sbi_kept_was_near(step))
+        result = sbi_step_solve_anew(step);
     if (result == SB_ERROR_INDEFINITE && step->kind == SB_TANGENT_EXACT) {
         result = sbi_step_project(step, result);
         if (result == SB_OK)

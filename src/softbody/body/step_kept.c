@@ -6,8 +6,14 @@
  * the damping force need no matrix: sbi_assembly_multiply. What is solved is written as A' x = -(r + (A - A') x0),
  * where all that follows (guests, reactions) finds the system that it knows.
  *
+ * That angle counts by what it does: to a mode that A' has next to no stiffness for, as of nearly incompressible or
+ * slender bodies in long steps, A may give many times that, and steps of more than 4/3 of their share feed energy in.
+ * So the work of both along x - x0 is compared once it is known; where they differ too much, the step is solved anew
+ * with a tangent of its own: see sbi_kept_was_near.
+ *
  * Others may have used the matrix meanwhile: what A' was made of is kept, and gives the same bits again. It has two
  * places; the next one is made in the other, so that a step that fails gives the one before back. */
+#include <math.h>
 #include <string.h>
 
 #include "../solve/sparse_live.h"
@@ -148,4 +154,40 @@ SBI_API void sbi_kept_add_coasting(sbi_step *step)
     for (int i = 0; i < n; i++)
         b->residual[i] = sb_v3_madd(b->residual[i], mass, b->work2[i]);
     sbi_kept_subtract_product(b);
+}
+
+/* ---- whether it has served ---- */
+
+static double sbi_kept_work(int count, const sb_vec3 *a, const sb_vec3 *b)
+{
+    double sum = 0;
+    for (int i = 0; i < count; i++)
+        sum += (double)a[i].x * (double)b[i].x + (double)a[i].y * (double)b[i].y + (double)a[i].z * (double)b[i].z;
+    return sum;
+}
+
+/* y.A y, y in body->work. */
+static double sbi_kept_true_work(const sbi_step *step)
+{
+    sb_body *b = step->body;
+    int n = b->domain.node_count;
+    double stiffness, mass;
+    (void)sbi_assembly_multiply(&b->assembly, b->work, b->work2);
+    stiffness = sbi_kept_work(n, b->work, b->work2);
+    sbi_body_mass_multiply(b, b->work, b->work2);
+    mass = sbi_kept_work(n, b->work, b->work2);
+    return (double)sbi_step_stiffness_factor(step) * stiffness + (double)sbi_step_mass_factor(step) * mass;
+}
+
+SBI_API int sbi_kept_was_near(const sbi_step *step)
+{
+    const double most = 0.25; /* below 1/3, from which on a mode grows */
+    sb_body *b = step->body;
+    int n = b->domain.node_count;
+    double kept;
+    for (int i = 0; i < n; i++)
+        b->work[i] = sb_v3_sub(b->increment[i], sbi_step_coast(step, i));
+    sb_matrix_multiply(&b->matrix, &b->work[0].x, &b->work2[0].x, &b->jobs);
+    kept = sbi_kept_work(n, b->work, b->work2);
+    return fabs(sbi_kept_true_work(step) - kept) <= fmin((double)b->kept->angle, most) * kept;
 }

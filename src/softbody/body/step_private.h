@@ -92,6 +92,8 @@ SBI_API int sbi_step_allows_inversion(const sb_body *body);
 SBI_API sb_result sbi_kept_begin(sbi_step *step);
 /* residual += (A - A') x0 + beta K v0 of step->keeps. */
 SBI_API void sbi_kept_add_coasting(sbi_step *step);
+/* Of step->keeps, once it is solved: 1 when A' does nearly the work that A does on what the motion changes by. */
+SBI_API int sbi_kept_was_near(const sbi_step *step);
 
 /* ---- step_done.c: of static solves ---- */
 /* An increment begins. */
