@@ -257,14 +257,14 @@ SLOWER = -anything/violence -bbar/violence -body/quasi -body/reactions -checkpoi
 	-stuffing/threads -surface/check -viscoelastic/static -viscoelastic/violence
 # Those of forged bytes and of memory that runs out, which are what the sanitizers are for.
 HARMED = %/forged %/changed %/no %/capacity %/allocations %/hostile
-# Long loops that the sanitizers would make longer still (the fuzz target `body` runs random ones under them), and the
-# suites that touch most of what rooms ask of each other.
-VIOLENT = -step -integrators -stuffing/surfaces -stuffing/ridges -schemes/300 -schemes/one \
+# Long loops that the sanitizers would make longer still (the fuzz target `body` runs random ones under them), and long
+# searches whose code others reach.
+VIOLENT = -anything -pose -step -integrators -stuffing/surfaces -stuffing/ridges -schemes/300 -schemes/one \
 	-viscoelastic/violence -load/1,000 -bbar -contact_sweep -contact_explicit -contact_pairs -contact_static \
 	-contact_hung/dragged -contact_skin/equilibrium -contact_skin/Hertz -contact_thrown/schemes -contact_thrown/thrown \
 	-contact_thrown/too -contact_thrown/tied -couple -cpd -cut_force/tissue -cut_force/work -cut_quad/half -loads \
 	-multigrid/bodies -needle_programs/a -parts/parts -thin
-LINKED = mesh body load constraint record
+LINKED = mesh record # what the split build is tried with: their tests are those of the other builds
 
 SNIPPET_CFLAGS = -O0
 SNIPPETS = CC='$(CC)' CFLAGS='$(SNIPPET_CFLAGS)' tests/snippets.sh build/snippets build/double/implementation.o $(HEADERS) README.md docs/questions.md

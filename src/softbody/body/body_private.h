@@ -490,7 +490,13 @@ SBI_API void sbi_body_face_loads(const sb_body *body, const int nodes[3], sb_rea
 /* 1 when the named corners of an element (all different) are those of the list. */
 SBI_API int sbi_body_has_corners(const int *list, const int *cell, const int *local, int count);
 /* H^T u of a row: the displacement of its point. */
-SBI_API sb_vec3 sbi_body_row_value(const sbi_load *load, int row, const sb_vec3 *u);
+SB_INLINE sb_vec3 sbi_body_row_value(const sbi_load *load, int row, const sb_vec3 *u)
+{
+    sb_vec3 sum = sb_v3(0, 0, 0);
+    for (int k = load->row_start[row]; k < load->row_start[row + 1]; k++)
+        sum = sb_v3_madd(sum, load->weights[k], u[load->nodes[k]]);
+    return sum;
+}
 
 /* Sums of displacement components that something holds: rows of mappings, equations of constraints. */
 typedef struct sbi_body_rows {

@@ -156,14 +156,6 @@ SB_API void sb_body_reset(sb_body *body)
 
 /* ---- readings ---- */
 
-SBI_API sb_vec3 sbi_body_row_value(const sbi_load *load, int row, const sb_vec3 *u)
-{
-    sb_vec3 sum = sb_v3(0, 0, 0);
-    for (int k = load->row_start[row]; k < load->row_start[row + 1]; k++)
-        sum = sb_v3_madd(sum, load->weights[k], u[load->nodes[k]]);
-    return sum;
-}
-
 /* sum over the rows of k |H^T u - target|^2 / 2, or what a cable has. */
 static sb_real sbi_body_load_energy(const sb_body *body, sbi_load *load)
 {

@@ -174,18 +174,6 @@ static sb_result sbi_contact_reserve(void *user, const sb_body *body, const sb_m
     return SB_OK;
 }
 
-SBI_API void sbi_contact_mark_corners(sb_contact *contact, int face, int mark)
-{
-    const sbi_contact_skin *skin = &contact->skin;
-    const int *nodes = sbi_contact_face_nodes(contact->faces, face);
-    for (int a = 0; a < contact->faces->sizes[face]; a++) {
-        if (!skin->source)
-            contact->node_place[nodes[a]] = mark;
-        for (int c = nodes[a] * skin->corners; c < (nodes[a] + 1) * skin->corners; c++)
-            skin->place[skin->corner_nodes[c]] = mark;
-    }
-}
-
 /* Corners remember as long as a face with an entry has them. */
 static void sbi_contact_drop_pressures(sb_contact *contact)
 {

@@ -218,3 +218,28 @@ SBI_API void sbi_contact_insert_entry(sb_contact *contact, const sbi_contact_ent
         contact->entries[at] = contact->entries[at - 1];
     contact->entries[at] = *entry;
 }
+
+SBI_API void sbi_contact_mark_corners(sb_contact *contact, int face, int mark)
+{
+    const sbi_contact_skin *skin = &contact->skin;
+    const int *nodes = sbi_contact_face_nodes(contact->faces, face);
+    for (int a = 0; a < contact->faces->sizes[face]; a++) {
+        if (!skin->source)
+            contact->node_place[nodes[a]] = mark;
+        for (int c = nodes[a] * skin->corners; c < (nodes[a] + 1) * skin->corners; c++)
+            skin->place[skin->corner_nodes[c]] = mark;
+    }
+}
+
+static int sbi_pair_is_before(const sbi_pair_entry *a, const sbi_pair_entry *b)
+{
+    return a->face != b->face ? a->face < b->face : a->sample < b->sample;
+}
+
+SBI_API void sbi_pairs_insert_entry(sbi_pairs *pairs, const sbi_pair_entry *entry)
+{
+    int at = pairs->entry_count++;
+    for (; at > 0 && sbi_pair_is_before(entry, pairs->entries + at - 1); at--)
+        pairs->entries[at] = pairs->entries[at - 1];
+    pairs->entries[at] = *entry;
+}

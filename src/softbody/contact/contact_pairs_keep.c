@@ -206,19 +206,6 @@ SBI_API void sbi_pairs_add_done(const sb_contact *contact, sb_real factor, sb_ve
 
 /* ---- changes of the mesh ---- */
 
-static int sbi_pair_is_before(const sbi_pair_entry *a, const sbi_pair_entry *b)
-{
-    return a->face != b->face ? a->face < b->face : a->sample < b->sample;
-}
-
-SBI_API void sbi_pairs_insert_entry(sbi_pairs *pairs, const sbi_pair_entry *entry)
-{
-    int at = pairs->entry_count++;
-    for (; at > 0 && sbi_pair_is_before(entry, pairs->entries + at - 1); at--)
-        pairs->entries[at] = pairs->entries[at - 1];
-    pairs->entries[at] = *entry;
-}
-
 /* Corners remember as long as a face with an entry has them. */
 static void sbi_pair_drop_pressures(sb_contact *contact)
 {

@@ -214,6 +214,10 @@ SBI_API sb_real sbi_contact_depth(sb_contact *contact, const sbi_tool *shape, co
                                   int *element);
 
 /* ---- contact_memory.c ---- */
+/* places of what remembers the pressures on a face become `mark`. */
+SBI_API void sbi_contact_mark_corners(sb_contact *contact, int face, int mark);
+/* Puts an entry where the order of entries wants it. */
+SBI_API void sbi_pairs_insert_entry(sbi_pairs *pairs, const sbi_pair_entry *entry);
 /* What remembers: the nodes in touch, or with a skin the nodes of its cells. */
 typedef struct sbi_contact_keepers {
     int count;
@@ -372,8 +376,6 @@ SBI_API void sbi_pairs_measure_overlap(const sb_contact *contact, sb_real *overl
 SBI_API void sbi_pairs_add_done(const sb_contact *contact, sb_real factor, sb_vec3 *out);
 /* The faces have other numbers: what goes is forgotten. */
 SBI_API void sbi_pairs_follow_faces(sb_contact *contact);
-/* Puts an entry where the order of entries wants it. */
-SBI_API void sbi_pairs_insert_entry(sbi_pairs *pairs, const sbi_pair_entry *entry);
 SBI_API void sbi_pairs_read_point(const sb_contact *contact, int number, sb_contact_point *point);
 SBI_API void sbi_pairs_add_pushes(const sb_contact *contact, sb_real *pushes); /* N, [nodes] */
 #define SBI_PAIRS_PART "pairs"                                                 /* its name in its body's state */
@@ -442,8 +444,6 @@ SBI_API void sbi_contact_commit_springs(sb_contact *contact);
 /* ---- contact_live.c ---- */
 /* Arrays by face and node for the rooms that the faces have, in place of those there were. 0: no memory. */
 SBI_API int sbi_contact_take_room(sb_contact *contact);
-/* places of what remembers the pressures on a face become `mark`. */
-SBI_API void sbi_contact_mark_corners(sb_contact *contact, int face, int mark);
 /* Follows its body's changes from now on; and no longer. */
 SBI_API sb_result sbi_contact_listen(sb_contact *contact, sb_error *error);
 SBI_API void sbi_contact_unlisten(sb_contact *contact);

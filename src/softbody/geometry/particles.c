@@ -55,15 +55,6 @@ SB_API void sb_particles_free(sb_particles *particles)
     memset(particles, 0, sizeof *particles);
 }
 
-SBI_API int sbi_particle_cell_count(const sb_particles *particles, int cell)
-{
-    int count = particles->domain.nodes_per_cell;
-    const int *nodes = particles->domain.cells + (size_t)cell * (size_t)count;
-    while (count > 1 && nodes[count - 1] == nodes[count - 2])
-        count--;
-    return count;
-}
-
 /* ---- the definition ---- */
 
 static sb_result sbi_particles_check_choices(const sb_particles_def *def, sb_error *error)

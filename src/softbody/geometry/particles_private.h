@@ -93,9 +93,16 @@ SBI_API void sbi_particles_mark_inner(const sbi_near *near, const sb_vec3 *sampl
 /* Measures the imbalance about inner particles, and corrects it where the def wants that. */
 SBI_API sb_result sbi_particles_correct(sb_particles *particles, sb_error *error);
 
-/* ---- particles.c ---- */
+/* ---- cells ---- */
 
 /* Nodes of an integration point, without those that are there for the width. */
-SBI_API int sbi_particle_cell_count(const sb_particles *particles, int cell);
+SB_INLINE int sbi_particle_cell_count(const sb_particles *particles, int cell)
+{
+    int count = particles->domain.nodes_per_cell;
+    const int *nodes = particles->domain.cells + (size_t)cell * (size_t)count;
+    while (count > 1 && nodes[count - 1] == nodes[count - 2])
+        count--;
+    return count;
+}
 
 #endif /* SBI_PARTICLES_PRIVATE_H */
