@@ -2,7 +2,7 @@
 #
 #   make            the examples                     make bench      benchmarks, one core and all cores, then the race
 #   make demo       build and run examples/demo.c    make headers    writes the products from src/
-#   make test       the tests in double without the slowest, 3 minutes on two cores
+#   make test       the tests in double without the slowest, 3 to 5 minutes on two cores
 #   make check      all tests, and all else that CI runs, see tests/check.sh; CHECK_ALL=1 adds what takes as long again
 #   make install    PREFIX=/usr/local, DESTDIR=
 #   make test-float, test-cpp, test-openmp           make clean
@@ -255,6 +255,10 @@ SLOWER = -anything/violence -bbar/violence -body/quasi -body/reactions -checkpoi
 	-steer/no -step/Newmark -step/linearised -step/momentum -step/same -step/scale -step_guest/elements \
 	-step_guest/materials -stuffing/plates -stuffing/random -stuffing/side -stuffing/surfaces -stuffing/thin \
 	-stuffing/threads -surface/check -viscoelastic/static -viscoelastic/violence
+# What make test leaves to the other builds besides.
+LATER = -contact_adverse -contact_cut -contact_lips -contact_thrown -cut_force/tissue -cut_force/work -cut_glue/every \
+	-cut_quad/half -cut_quad/slivers -cut_tear/blocks -cut_tear/energy -needle_held/law -needle_held/membranes \
+	-needle_held/stiffness -particles/consistent -particles_body -pose
 # Those of forged bytes and of memory that runs out, which are what the sanitizers are for.
 HARMED = %/forged %/changed %/no %/capacity %/allocations %/hostile
 # Long loops that the sanitizers would make longer still (the fuzz target `body` runs random ones under them), and long
@@ -284,7 +288,7 @@ ifeq ($(FILTER),)
 test:
 	@$(MAKE) --no-print-directory -j$$(nproc) tested $(if $(filter file,$(origin CFLAGS)),CFLAGS=-O1)
 	CHECK_QUICK=1 CHECK_SHORT=1 TOTAL_JOBS=$$(nproc) tests/total.sh \
-	    "$(EXAMPLE_TEST)" $(foreach part,1 2 3 4 5 6 7 8,"build/double/tests $(part)/8 $(SLOW) $(SLOWER)") \
+	    "$(EXAMPLE_TEST)" $(foreach part,1 2 3 4 5 6 7 8,"build/double/tests $(part)/8 $(SLOW) $(SLOWER) $(LATER)") \
 	    $(SHORT_PROGRAM_TESTS)
 else
 test: build/double/tests
