@@ -533,6 +533,9 @@ static int make_scene(viewer *v)
     return status ? status : viewer_begin(s);
 }
 
+/* Of some ten values; the first one stands for those before it. */
+static double mean_of_last(double mean, double value) { return mean > 0 ? mean + 0.1 * (value - mean) : value; }
+
 /* Steps and pictures until the window is closed, or --frames are over. */
 static int run_frames(viewer *v)
 {
@@ -548,7 +551,7 @@ static int run_frames(viewer *v)
         if (!v->paused && (!v->playing || play_frame(v, &next))) {
             double begun = seconds_now();
             viewer_step(&v->scene);
-            v->step_seconds += 0.1 * (seconds_now() - begun - v->step_seconds);
+            v->step_seconds = mean_of_last(v->step_seconds, seconds_now() - begun);
         }
         set_view(v);
         draw(v);
@@ -558,7 +561,7 @@ static int run_frames(viewer *v)
         took = seconds_now() - start;
         if (!v->set->frames && took < interval)
             SDL_Delay((Uint32)(1e3 * (interval - took)));
-        v->frame_seconds += 0.1 * (seconds_now() - start - v->frame_seconds);
+        v->frame_seconds = mean_of_last(v->frame_seconds, seconds_now() - start);
     }
     return status;
 }

@@ -529,6 +529,8 @@ if [ -e "$programs/viewer" ]; then
     expect 2 '--hold needs' viewer --hold w+
     expect 2 '--picture needs --frames' viewer --picture x.png
     expect_data 0 '^frames=5 ' viewer volumes/liver_a_tet4_2k.vtk --frames 5
+    expect_data 0 '^frames=2 ' viewer volumes/liver_a_tet10_1k.vtk --frames 2
+    expect_data 0 '^frames=2 ' viewer volumes/beam_hex8.vtk --frames 2
 else
     skip "no SDL 2: viewer"
 fi
