@@ -15,8 +15,9 @@
  * and Irwin). In single precision it is left out: differences of energies are lost there.
  *
  * The third is that plate in the plane, of linear triangles, for what sb_cut does not do: branch functions at the
- * front (crack_plane.h), beside jumps alone and beside a mesh made for the crack. Measured is the energy that the crack
- * adds, beside 1.388 (of F, and extrapolated).
+ * front (crack_plane.h), continuous or in triangles that stand apart and are embedded by a discontinuous Galerkin
+ * derivative (8.3), beside jumps alone and beside a mesh made for the crack. Measured is the energy that the crack
+ * adds, beside 1.388 (of F, and extrapolated), also over what jumps between those triangles cost.
  *
  * Written are tables with the order of each curve, the same numbers as CSV and charts (SVG); the same on every
  * machine. Exit status: 0, 2 wrong usage or a file that cannot be written, 3 a solve failed or memory is short. */
@@ -37,7 +38,8 @@ static const double cut_at = 0.1, cut_to = 0.03;                              /*
 static const double stretch_by = 0.002;                                       /* m */
 static const double plate_height = 2, crack_length = 0.5;                     /* of the plate's width */
 static const double crack_energy = 1.388;                                     /* per E = traction = width = 1 */
-enum { USAGE = 2, FAILED = 3, SERIES = 6, SIZES = 3, VALUES = 3, CRACKS = 5, MOST_PATH = 900 };
+static const double crack_beta = 10; /* what jumps between embedded triangles cost (8.3.5) */
+enum { USAGE = 2, FAILED = 3, SERIES = 6, SIZES = 3, VALUES = 3, CRACKS = 7, COSTS = 6, MOST_PATH = 900 };
 
 static const char *const value_names[VALUES] = {"sag", "opening", "force"};
 static const double references[VALUES] = {34.7, 6.09, 3.79}; /* mm, mm, N */
@@ -72,6 +74,13 @@ typedef struct crack_series {
     int count;
     double cells[SIZES], unknowns[SIZES], energies[SIZES], errors[SIZES]; /* errors: percent */
 } crack_series;
+
+/* A curve of that plate over what jumps between embedded triangles cost. */
+typedef struct cost_series {
+    const char *name;
+    double reach;
+    double betas[COSTS], energies[COSTS], errors[COSTS]; /* errors: percent */
+} cost_series;
 
 /* Where a body is cut: a plane across one axis, on one side of its front. */
 typedef struct cut_place {
@@ -446,35 +455,66 @@ static int measure_plate(const settings *set, series *of, int size)
 
 static void name_cracks(crack_series cracks[CRACKS])
 {
-    static const char *const names[CRACKS] = {"by hand", "jumps alone", "branch at the tip", "branch within 0.1",
-                                              "branch within 0.2"};
-    static const double reaches[CRACKS] = {0, 0, 0, 0.1, 0.2};
+    static const char *const names[CRACKS] = {
+        "by hand",           "jumps alone",         "branch at the tip",  "branch within 0.1",
+        "branch within 0.2", "embedded at the tip", "embedded within 0.2"};
+    static const crack_kind kinds[CRACKS] = {CRACK_BY_HAND, CRACK_HEAVISIDE, CRACK_BRANCH,  CRACK_BRANCH,
+                                             CRACK_BRANCH,  CRACK_EMBEDDED,  CRACK_EMBEDDED};
+    static const double reaches[CRACKS] = {0, 0, 0, 0.1, 0.2, 0, 0.2};
     memset(cracks, 0, CRACKS * sizeof *cracks);
     for (int c = 0; c < CRACKS; c++) {
         cracks[c].name = names[c];
-        cracks[c].kind = c == 0 ? CRACK_BY_HAND : c == 1 ? CRACK_HEAVISIDE : CRACK_BRANCH;
+        cracks[c].kind = kinds[c];
         cracks[c].reach = reaches[c];
     }
 }
 
+static int solve_crack(const crack_plane *plate, crack_plane_result *found)
+{
+    return crack_plane_solve(plate, found) ? 0 : complain("the plate in the plane", "no memory", FAILED);
+}
+
+static double crack_error(double energy) { return 100 * fabs(energy / crack_energy - 1); }
+
 static int measure_cracks(const settings *set, crack_series cracks[CRACKS])
 {
     static const int by_hand[SIZES] = {10, 20, 40}, through[SIZES] = {11, 21, 41};
-    int sizes = set->quick ? 2 : SIZES;
+    int sizes = set->quick ? 2 : SIZES, status = 0;
     for (crack_series *of = cracks; of < cracks + CRACKS; of++)
-        for (int k = 0; k < sizes; k++) {
-            crack_plane plate = {of->kind, 0, crack_length, of->reach};
-            crack_plane_result found;
+        for (int k = 0; k < sizes && !status; k++) {
+            crack_plane plate = {of->kind, 0, crack_length, of->reach, crack_beta};
+            crack_plane_result found = {0, 0, 0};
             plate.cells = of->kind == CRACK_BY_HAND ? by_hand[k] : through[k];
-            if (!crack_plane_solve(&plate, &found))
-                return complain("the plate in the plane", "no memory", FAILED);
+            status = solve_crack(&plate, &found);
             of->cells[k] = plate.cells;
             of->unknowns[k] = found.unknowns;
             of->energies[k] = found.energy;
-            of->errors[k] = 100 * fabs(found.energy / crack_energy - 1);
+            of->errors[k] = crack_error(found.energy);
             of->count = k + 1;
         }
-    return 0;
+    return status;
+}
+
+/* From triangles that hardly hold together to such as are continuous, which leaves no branch function at a tip alone.
+ */
+static int measure_costs(cost_series costs[2])
+{
+    static const double betas[COSTS] = {0.1, 1, 10, 100, 1000, 10000};
+    static const char *const names[2] = {"at the tip", "within 0.2"};
+    int status = 0;
+    for (int c = 0; c < 2; c++) {
+        costs[c].name = names[c];
+        costs[c].reach = c ? 0.2 : 0;
+        for (int k = 0; k < COSTS && !status; k++) {
+            crack_plane plate = {CRACK_EMBEDDED, 21, crack_length, costs[c].reach, betas[k]};
+            crack_plane_result found = {0, 0, 0};
+            status = solve_crack(&plate, &found);
+            costs[c].betas[k] = betas[k];
+            costs[c].energies[k] = found.energy;
+            costs[c].errors[k] = crack_error(found.energy);
+        }
+    }
+    return status;
 }
 
 static double crack_order(const crack_series *of)
@@ -485,13 +525,26 @@ static double crack_order(const crack_series *of)
 
 static void print_cracks(const crack_series cracks[CRACKS])
 {
-    printf("crack in the plane cells unknowns   energy    error\n");
+    printf("crack in the plane  cells unknowns   energy    error\n");
     for (const crack_series *of = cracks; of < cracks + CRACKS; of++) {
         for (int k = 0; k < of->count; k++)
-            printf("%-18s %5.0f  %7.0f  %7.4f %6.2f %%\n", k ? "" : of->name, of->cells[k], of->unknowns[k],
+            printf("%-19s %5.0f  %7.0f  %7.4f %6.2f %%\n", k ? "" : of->name, of->cells[k], of->unknowns[k],
                    of->energies[k], of->errors[k]);
-        printf("%-18s order            %14.2f\n", "", crack_order(of));
+        printf("%-19s order            %14.2f\n", "", crack_order(of));
     }
+}
+
+static void print_costs(const cost_series costs[2])
+{
+    printf("\nembedded, 21 cells, at a cost of jumps of");
+    for (int k = 0; k < COSTS; k++)
+        printf(" %8g", costs[0].betas[k]);
+    for (int c = 0; c < 2; c++) {
+        printf("\n%-41s", costs[c].name);
+        for (int k = 0; k < COSTS; k++)
+            printf(" %6.2f %%", costs[c].errors[k]);
+    }
+    printf("\n");
 }
 
 static int write_cracks(const settings *set, const crack_series cracks[CRACKS])
@@ -509,8 +562,24 @@ static int write_cracks(const settings *set, const crack_series cracks[CRACKS])
     return sb_output_close(&out, NULL) == SB_OK ? 0 : complain(path, "cannot be written", USAGE);
 }
 
-static int draw_cracks(const settings *set, const crack_series cracks[CRACKS])
+static int write_costs(const settings *set, const cost_series costs[2])
 {
+    char path[MOST_PATH + 32];
+    sb_output out;
+    snprintf(path, sizeof path, "%s_beta.csv", set->out);
+    if (sb_output_open(&out, path, NULL) != SB_OK)
+        return complain(path, "cannot be written", USAGE);
+    fprintf(out.file, "embedded,beta,energy,error\n");
+    for (int c = 0; c < 2; c++)
+        for (int k = 0; k < COSTS; k++)
+            fprintf(out.file, "%s,%g,%.6f,%.5f\n", costs[c].name, costs[c].betas[k], costs[c].energies[k],
+                    costs[c].errors[k] / 100);
+    return sb_output_close(&out, NULL) == SB_OK ? 0 : complain(path, "cannot be written", USAGE);
+}
+
+static int draw_cracks(const settings *set, const crack_series cracks[CRACKS], const cost_series costs[2])
+{
+    plot_panel *over_beta;
     char path[MOST_PATH + 32];
     plot p;
     plot_begin(&p, "An edge-cracked plate, linear triangles: branch functions at the front");
@@ -525,6 +594,10 @@ static int draw_cracks(const settings *set, const crack_series cracks[CRACKS])
             curve->dashed = of->kind == CRACK_BY_HAND;
         }
     }
+    over_beta = plot_add_panel(&p, "embedded branch functions, 21 cells", "cost of jumps (beta)", "relative error (%)");
+    over_beta->log_x = over_beta->log_y = 1;
+    for (int c = 0; c < 2; c++)
+        plot_add_curve(over_beta, costs[c].name, costs[c].betas, costs[c].errors, COSTS)->markers = 1;
     snprintf(path, sizeof path, "%s_branch.svg", set->out);
     return plot_save_svg(&p, path) ? 0 : complain(path, "cannot be written", USAGE);
 }
@@ -532,14 +605,20 @@ static int draw_cracks(const settings *set, const crack_series cracks[CRACKS])
 static int study_cracks(const settings *set)
 {
     crack_series cracks[CRACKS];
+    cost_series costs[2];
     int status;
     name_cracks(cracks);
     status = measure_cracks(set, cracks);
+    if (!status)
+        status = measure_costs(costs);
     if (status)
         return status;
     print_cracks(cracks);
+    print_costs(costs);
     status = write_cracks(set, cracks);
-    return status ? status : draw_cracks(set, cracks);
+    if (!status)
+        status = write_costs(set, costs);
+    return status ? status : draw_cracks(set, cracks, costs);
 }
 
 /* Power of h by which an error falls from the coarsest mesh to the finest. */
@@ -695,10 +774,10 @@ static int program(int argc, char **argv)
     settings s = {program_name, 0, 2, 0, 0};
     option options[] = {
         {"-o", "NAME", OPTION_TEXT, NULL, NULL, &s.out, 0, 0,
-         "files are NAME.csv, NAME_plate.csv, NAME.svg, NAME_branch.csv, NAME_branch.svg"},
+         "files are NAME.csv, NAME_plate.csv, NAME.svg, NAME_branch.csv, NAME_beta.csv, NAME_branch.svg"},
         {"--quick", NULL, OPTION_FLAG, &s.quick, NULL, NULL, 0, 0, "two sizes of each in place of three: seconds"},
         {"--branch", NULL, OPTION_FLAG, &s.branch, NULL, NULL, 0, 0,
-         "only branch functions at the front of a crack: a second"},
+         "only branch functions at the front of a crack: seconds"},
         {"--lattice", "M", OPTION_INTEGER, &s.lattice, NULL, NULL, 1, 4,
          "places along an element's edge that are cut apart: 1, 2 or 4"},
         {"--help", NULL, OPTION_FLAG, &s.help, NULL, NULL, 0, 0, "this text"},
