@@ -1003,7 +1003,12 @@ long check "quadratic cuts that are glued are as near as a mesh made for them" a
     $1 == "tet10 glue" { m++; if ($7 > 1.3 * sag[m] || $9 > 1.3 * force[m]) bad = 1 }
     END { exit !(n == 2 && m == 2 && !bad) }' cuts.csv
 long check "errors fall" awk -F, 'NR > 1 { if ($1 == name && $7 > 0.7 * last) bad = 1; name = $1; last = $7; n++ }
-    END { exit !(n == 12 && !bad) }' cuts.csv
+    END { exit !(n == 16 && !bad) }' cuts.csv
+long check "branch functions have smaller errors than a mesh made for the cut, within a reach by an order above 1.2" awk -F, '
+    $1 == "tet4 by hand" { sag = $7; force = $9 }
+    $1 == "tet4 branch" && $2 < 10 && !($7 < sag && $9 < 0.75 * force) { bad = 1 }
+    $1 == "tet4 branch 20" { if (++n == 1) { h = $2; first = $7 } else order = log(first / $7) / log(h / $2) }
+    END { exit !(n == 2 && !bad && order > 1.2) }' cuts.csv
 long check "the plate's stress intensity: glued within 2 %, a lag that shows" awk -F, '
     $1 == "tet10 glue" { n++; if ($5 > 0.02) bad = 1 }
     $1 == "tet10 lag" && $2 == 11 { m++; if ($5 < 0.05) bad = 1 }
