@@ -21,7 +21,7 @@
 #include "softbody.h"
 
 enum { PLOT_PANELS = 4, PLOT_CURVES = 8 };
-enum { PLOT_PANEL_WIDTH = 560, PLOT_HEIGHT = 470, PLOT_LEFT = 78, PLOT_RIGHT = 22, PLOT_TOP = 84, PLOT_BOTTOM = 62 };
+enum { PLOT_PANEL_WIDTH = 560, PLOT_HEIGHT = 478, PLOT_LEFT = 78, PLOT_RIGHT = 22, PLOT_TOP = 92, PLOT_BOTTOM = 62 };
 
 typedef struct plot_curve {
     const char *name;
