@@ -143,7 +143,7 @@ static void stroke_along(flat_scene *s, const blade *of, double end, flat_watch 
     sb_error error;
     int stroke = begin(&s->b, of), fine = 1;
     for (int frame = 1; frame <= FRAMES && fine; frame++) {
-        blade_at(of, -1 + (end + 1) * frame / FRAMES, edge);
+        blade_at(of, -1 + (end + 1) * frame / (int)FRAMES, edge);
         fine = CHECK_OK(sb_cut_move(s->b.cut, stroke, edge, NULL, &error));
         if (!fine)
             printf("%s: %s\n", s->name, error.message);
