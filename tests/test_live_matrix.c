@@ -1033,6 +1033,47 @@ static void test_points(void)
     }
 }
 
+/* A volume without neighbours finds what one with them does, wherever searches start: which points are inside and how
+ * far the others are. Of elements that have a point in common any may be found. */
+static void test_bare_search(void)
+{
+    static const sb_element_type types[3] = {SB_TET4, SB_TET10, SB_HEX8};
+    unsigned long long seed = 29;
+    for (int t = 0; t < 3; t++) {
+        sbi_embed_volume bare, whole;
+        sb_vec3 low, high;
+        sb_mesh mesh;
+        int inside = 0;
+        CHECK_OK(sb_mesh_organ(types[t], 6, NULL, &mesh, NULL));
+        sb_mesh_bounds(&mesh, &low, &high);
+        CHECK_OK(sbi_embed_volume_create(&mesh, SBI_EMBED_BARE, NULL, &bare, NULL));
+        CHECK_OK(sbi_embed_volume_create(&mesh, SBI_EMBED_SKIN, NULL, &whole, NULL));
+        for (int i = 0; i < 300; i++) {
+            double size = (double)sb_v3_norm(sb_v3_sub(high, low)), distance[2];
+            int hint = (int)check_random_in(&seed, 0, (double)mesh.element_count - 1);
+            sbi_embed_hit hits[2];
+            sb_vec3 at = sb_v3((sb_real)check_random_in(&seed, (double)low.x, (double)high.x),
+                               (sb_real)check_random_in(&seed, (double)low.y, (double)high.y),
+                               (sb_real)check_random_in(&seed, (double)low.z, (double)high.z));
+            if (i % 4 == 0) /* in several elements at once */
+                at = mesh.nodes[i % mesh.node_count];
+            sbi_embed_closest(&bare, at, hint, &hits[0]);
+            sbi_embed_closest(&whole, at, hint, &hits[1]);
+            for (int k = 0; k < 2; k++) {
+                sb_vec3 found = sbi_embed_map(&mesh, hits[k].element, hits[k].xi, NULL);
+                distance[k] = (double)sb_v3_norm(sb_v3_sub(found, at));
+            }
+            CHECK((hits[0].distance2 > 0) == (hits[1].distance2 > 0));
+            CHECK_NEAR(distance[0], distance[1], 1e3 * (double)SB_EPSILON * size);
+            inside += !(hits[0].distance2 > 0);
+        }
+        CHECK(inside > 75 && inside < 300);
+        sbi_embed_volume_free(&bare);
+        sbi_embed_volume_free(&whole);
+        sb_mesh_free(&mesh);
+    }
+}
+
 CHECK_SUITE(live_matrix, {"random changes against a matrix made anew", test_random_changes},
             {"changes taken back", test_undo}, {"scattered rows", test_scattered},
             {"couplings of others", test_other_couplings}, {"changes in place", test_in_place},
@@ -1040,4 +1081,4 @@ CHECK_SUITE(live_matrix, {"random changes against a matrix made anew", test_rand
             {"parts come apart and meet", test_parts}, {"assembly", test_assembly},
             {"assembly of two materials", test_assembly_of_two}, {"assembly of any material", test_assembly_of_any},
             {"preconditioners", test_preconditioners}, {"pieces that stay", test_pieces_that_stay},
-            {"points that follow", test_points});
+            {"points that follow", test_points}, {"searches without neighbours", test_bare_search});

@@ -118,7 +118,7 @@ static int sbi_embed_list_cell(sbi_embed_follower *f, int cell)
 static void sbi_embed_list_around(sbi_embed_follower *f, int node)
 {
     for (int at = f->first[node]; at >= 0; at = f->next[at])
-        sbi_embed_list_cell(f, at / f->width);
+        sbi_embed_list_cell(f, sbi_embed_cell_of(f, at));
 }
 
 /* Lists the cells of a part, ascending. */
@@ -135,7 +135,7 @@ static void sbi_embed_list_part(sbi_embed_follower *f, sbi_embed_part part)
     for (int i = 0; part == SBI_EMBED_AROUND && i < f->changed_count; i++)
         for (int at = f->first[f->changed_nodes[i]]; at >= 0; at = f->next[at])
             for (int a = 0; a < f->width; a++) {
-                int node = f->cells[at / f->width * f->width + a];
+                int node = f->cells[sbi_embed_cell_of(f, at) * f->width + a];
                 if (!(f->node_marks[node] & SBI_EMBED_NEAR)) {
                     f->node_marks[node] |= SBI_EMBED_NEAR;
                     f->part_nodes[f->part_node_count++] = node;
@@ -192,7 +192,7 @@ static void sbi_embed_hide_cuts(const sbi_embed_follower *f, sbi_embed_skin skin
     for (int i = 0; i < f->part_count; i++)
         for (int k = 0; k < f->faces; k++) {
             int outer = f->outer[f->part_cells[i] * f->faces + k];
-            if (skin == SBI_EMBED_NO_SKIN || outer < 0)
+            if (skin != SBI_EMBED_SKIN || outer < 0)
                 volume->boundary_face[i * f->faces + k] = outer;
         }
 }
@@ -201,7 +201,7 @@ static void sbi_embed_hide_cuts(const sbi_embed_follower *f, sbi_embed_skin skin
 static int sbi_embed_is_whole(const sbi_embed_follower *f, int node)
 {
     for (int at = f->first[node]; at >= 0; at = f->next[at])
-        if (!(f->cell_marks[at / f->width] & SBI_EMBED_LISTED))
+        if (!(f->cell_marks[sbi_embed_cell_of(f, at)] & SBI_EMBED_LISTED))
             return 0;
     return 1;
 }
@@ -294,7 +294,7 @@ static int sbi_embed_place_swaps(const sb_embedding *e, sbi_embed_follower *f, s
 static sb_result sbi_embed_search_part(const sb_embedding *e, sbi_embed_follower *f, sbi_embed_part part,
                                        const sb_allocator *allocator, int *left, sb_error *error)
 {
-    sbi_embed_skin skin = part == SBI_EMBED_CHANGED ? SBI_EMBED_NO_SKIN : SBI_EMBED_SKIN;
+    sbi_embed_skin skin = part == SBI_EMBED_CHANGED ? SBI_EMBED_BARE : SBI_EMBED_SKIN;
     sbi_embed_volume volume;
     sb_mesh mesh;
     sb_result result = SB_ERROR_MEMORY;
@@ -355,7 +355,7 @@ static int sbi_embed_list_changed(const sb_embedding *e, sbi_embed_follower *f)
         sbi_embed_list_held(e, f, c->reshaped_cells[i], 0, &count);
     for (int i = 0; i < f->changed_count && e->report.inside < e->report.point_count; i++)
         for (int at = f->first[f->changed_nodes[i]]; at >= 0; at = f->next[at])
-            sbi_embed_list_held(e, f, at / f->width, 1, &count);
+            sbi_embed_list_held(e, f, sbi_embed_cell_of(f, at), 1, &count);
     sbi_embed_clear_part(f);
     if (!sbi_embed_reserve_swaps(e, f, count))
         return 0;
@@ -468,7 +468,7 @@ static int sbi_embed_list_faces(const sb_embedding *e, sbi_embed_follower *f)
     f->near_count = 0;
     for (int i = 0; i < f->changed_count && f->report.offset > 0; i++)
         for (int at = f->first[f->changed_nodes[i]]; at >= 0; at = f->next[at]) {
-            int cell = at / f->width, corner = at - cell * f->width;
+            int cell = sbi_embed_cell_of(f, at), corner = at - cell * f->width;
             const int *outer = f->outer + cell * f->faces, *nodes = f->cells + cell * f->width;
             if (f->faces > f->near_room - f->near_count && !sbi_embed_more_near_faces(e, f))
                 return 0;

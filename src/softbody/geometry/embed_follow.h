@@ -108,6 +108,12 @@ SBI_API void sbi_embed_fill_parts(const sb_embedding *e, const sbi_embed_followe
 /* Leaves its owner and frees it with the arrays. */
 SBI_API void sbi_embed_follower_destroy(sb_embedding *e);
 
+/* The cell of a corner; of tet4 without a division, which would take longer than the rest of loops around nodes. */
+SB_INLINE int sbi_embed_cell_of(const sbi_embed_follower *f, int corner)
+{
+    return f->width == 4 ? (int)((unsigned)corner >> 2) : corner / f->width;
+}
+
 /* 1: its points have no places in the mesh yet, and there is still no memory for it. */
 SB_INLINE int sbi_embed_is_stale(sb_embedding *e)
 {

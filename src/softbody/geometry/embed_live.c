@@ -106,7 +106,7 @@ static int sbi_embed_live_is_outer(const sbi_embed_follower *f, int cell, const 
 {
     const int *nodes = f->cells + cell * f->width;
     for (int at = f->first[nodes[local[0]]]; at >= 0; at = f->next[at]) {
-        const int *other = f->cells + at / f->width * f->width;
+        const int *other = f->cells + sbi_embed_cell_of(f, at) * f->width;
         int shared = other != nodes;
         for (int c = 1; c < f->face_corners && shared; c++)
             shared = sbi_embed_live_has(f, other, nodes[local[c]]);
@@ -148,7 +148,7 @@ static void sbi_embed_live_update_faces(sbi_embed_follower *f, const sbi_embed_f
 {
     for (int i = 0; i < f->changed_count; i++)
         for (int at = f->first[f->changed_nodes[i]]; at >= 0; at = f->next[at]) {
-            int cell = at / f->width, corner = at - cell * f->width;
+            int cell = sbi_embed_cell_of(f, at), corner = at - cell * f->width;
             const int *nodes = f->cells + cell * f->width;
             for (int k = 0; k < f->faces; k++)
                 if (f->local[k][0] == corner && sbi_embed_live_is_marked(f, nodes, f->local[k]))

@@ -317,13 +317,22 @@ static unsigned sbi_embed_active_faces(unsigned active, int is_box)
     return faces;
 }
 
-/* Barycentric coordinates in the straight tet; returns a lower bound of the distance to the element (m). */
-static sb_real sbi_embed_planes(const sbi_embed_volume *volume, int element, sb_vec3 point, sb_real bary[4])
+/* Barycentric coordinates in the straight tet. */
+static void sbi_embed_barycentric(const sbi_embed_volume *volume, int element, sb_vec3 point, sb_real bary[4])
 {
-    sb_real bound = 0;
     for (int a = 0; a < 4; a++) {
         const sb_real *p = volume->planes[element][a];
         bary[a] = p[0] * point.x + p[1] * point.y + p[2] * point.z + p[3];
+    }
+}
+
+/* The same; returns a lower bound of the distance to the element (m). */
+static sb_real sbi_embed_planes(const sbi_embed_volume *volume, int element, sb_vec3 point, sb_real bary[4])
+{
+    sb_real bound = 0;
+    sbi_embed_barycentric(volume, element, point, bary);
+    for (int a = 0; a < 4; a++) {
+        const sb_real *p = volume->planes[element][a];
         if (bary[a] < 0)
             bound = sb_max(bound, -bary[a] / sb_sqrt(p[0] * p[0] + p[1] * p[1] + p[2] * p[2]));
     }
@@ -396,6 +405,39 @@ static sb_real sbi_embed_box_distance2(const sbi_embed_box *box, sb_vec3 p)
     sb_real y = sb_max(sb_max(box->low.y - p.y, p.y - box->high.y), 0);
     sb_real z = sb_max(sb_max(box->low.z - p.z, p.z - box->high.z), 0);
     return x * x + y * y + z * z;
+}
+
+/* 1 when the straight tet has the point. */
+static int sbi_embed_has(const sbi_embed_query *query, int element)
+{
+    sb_real bary[4];
+    sbi_embed_barycentric(query->volume, element, query->point, bary);
+    return bary[0] >= 0 && bary[1] >= 0 && bary[2] >= 0 && bary[3] >= 0;
+}
+
+/* A straight tet that has the point, or `element` where the boxes show none: a start without walks. */
+static int sbi_embed_find_start(const sbi_embed_query *query, int element)
+{
+    const sbi_embed_volume *volume = query->volume;
+    int stack[SBI_EMBED_DEPTH], depth = 0;
+    if (volume->is_box || sbi_embed_has(query, element))
+        return element;
+    stack[depth++] = 0;
+    while (depth > 0) {
+        int box = stack[--depth];
+        if (sbi_embed_box_distance2(&volume->boxes[box], query->point) > 0)
+            continue;
+        if (box < volume->leaf_first) {
+            stack[depth++] = 2 * box + 2;
+            stack[depth++] = 2 * box + 1;
+        }
+        for (int k = 0; k < SBI_EMBED_LEAF && box >= volume->leaf_first; k++) {
+            long long at = (long long)(box - volume->leaf_first) * SBI_EMBED_LEAF + k;
+            if (at < volume->mesh->element_count && sbi_embed_has(query, volume->order[at]))
+                return volume->order[at];
+        }
+    }
+    return element;
 }
 
 /* Branch and bound: every element whose box is nearer than the best so far, nearer boxes first. */
@@ -494,14 +536,14 @@ SBI_API void sbi_embed_closest(const sbi_embed_volume *volume, sb_vec3 point, in
     query.best.active = 0;
     query.best.distance2 = SB_REAL_MAX;
     query.enough = slack * slack;
-    sbi_embed_try(&query, sbi_embed_walk(&query, hint));
+    sbi_embed_try(&query, volume->neighbours.items ? sbi_embed_walk(&query, hint) : sbi_embed_find_start(&query, hint));
     sbi_embed_search_tree(&query);
     if (sbi_embed_is_flat(volume, query.best.element)) /* the straight tet that stood in for it is off by as much */
         slack += volume->bulge[query.best.element];
     if (query.best.distance2 <= slack * slack) {
         query.best.distance2 = 0;
         sbi_embed_polish(volume, point, &query.best);
-    } else {
+    } else if (volume->neighbours.items) {
         sbi_embed_reach_boundary(&query, &query.best);
     }
     *hit = query.best;

@@ -58,7 +58,9 @@ enum { SBI_EMBED_LEAF = 1, SBI_EMBED_DEPTH = 64 };
 typedef enum sbi_embed_skin {
     SBI_EMBED_NO_SKIN = 0, /* closest elements only: boundary_face is -1 throughout and for the caller to fill, and what
                             * else is of the boundary is empty */
-    SBI_EMBED_SKIN = 1
+    SBI_EMBED_SKIN = 1,
+    SBI_EMBED_BARE = 2 /* as without a skin, for points inside: no neighbours either. The boxes say where to start, and
+                        * of points outside any closest element may be found */
 } sbi_embed_skin;
 
 /* Prepares queries of a volume mesh that sb_mesh_validate accepts; it is borrowed. */

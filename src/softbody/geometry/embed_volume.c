@@ -271,8 +271,10 @@ static void sbi_embed_fill_elements(sbi_embed_volume *volume, sbi_embed_box *box
 static sb_result sbi_embed_prepare_topology(sbi_embed_volume *volume, sbi_embed_skin skin, sb_error *error)
 {
     const sb_allocator *allocator = &volume->allocator;
-    sb_result result = sb_mesh_neighbours(volume->mesh, allocator, &volume->neighbours, error);
     size_t entries = (size_t)volume->mesh->element_count * (size_t)volume->faces;
+    sb_result result = SB_OK;
+    if (skin != SBI_EMBED_BARE)
+        result = sb_mesh_neighbours(volume->mesh, allocator, &volume->neighbours, error);
     if (result == SB_OK && skin == SBI_EMBED_SKIN)
         result = sb_mesh_boundary(volume->mesh, 0, allocator, &volume->boundary, error);
     if (result == SB_OK && skin == SBI_EMBED_SKIN)
