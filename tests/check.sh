@@ -39,21 +39,21 @@ first=("${lane[@]}")
 
 lane=()
 counted "tests under the address and undefined-behaviour sanitizers" "$make sanitize"
+counted "tests in double, each with 128 kB of stack and bad operations as signals" "$make test-host"
 # gcc's warnings are errors of the tests' own builds, in double and in float.
 counted "warnings, split build, order of calls, linkage" "$make lint LINT_OPTIMISED= $(few "LINTS=clangxx-double")"
-counted "tests in double, each with 128 kB of stack and bad operations as signals" "$make test-host"
-counted "examples, README, fuzz corpus" "$make test-programs"
 counted "tests in float" "CHECK_QUICK=1 CHECK_SHORT=1 $make test-float FILTER='\$(SLOW) \$(SLOWER)'"
-counted "the headers from Python and C#" "$make test-bindings"
-counted "the page in a browser" "$make test-page PAGE_CFLAGS=-O1"
-counted "fuzz targets" "$make fuzz FUZZ_SECONDS=1 FUZZ_CFLAGS=-O0"
+counted "examples, README, fuzz corpus" "$make test-programs"
+counted "tests of threads under the thread sanitizer" "$make test-tsan"
 # 38 of each kind are among the tests above: 10,008 in all.
 counted "10,000 random sweeps of tools through bodies" "CHECK_FIRST=38 CHECK_SLOW=796 $make test-host FILTER=contact_sweep"
+counted "golden results of compilers and optimisations" "$make test-golden $(few "GOLDEN_NAMES='gcc-O3 clang-O0'")"
+counted "fuzz targets" "$make fuzz FUZZ_SECONDS=1 FUZZ_CFLAGS=-O0"
 # Waiting threads leave their processor to the other step. Long tests that have no threads are left out.
 counted "tests with OpenMP" "OMP_WAIT_POLICY=passive $make test-openmp FILTER='\$(SLOW) -step/rest -step/Newmark \
     -contact_sweep -contact_organ -contact_hung -contact_hostile -contact_static -contact_substeps'"
-counted "golden results of compilers and optimisations" "$make test-golden $(few "GOLDEN_NAMES='gcc-O3 clang-O0'")"
-counted "tests of threads under the thread sanitizer" "$make test-tsan"
+counted "the page in a browser" "$make test-page PAGE_CFLAGS=-O1"
+counted "the headers from Python and C#" "$make test-bindings"
 counted "random sessions on every element" "$make soak SOAK_SECONDS=5"
 if [ -n "${CHECK_ALL:-}" ]; then
     counted "sanitizers over the suites of violent loops" "$make sanitize FILTER='step integrators stuffing schemes viscoelastic load bbar'"

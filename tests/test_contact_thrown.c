@@ -266,6 +266,72 @@ static void watched_brake(void *user, const sb_vec3 *u, sb_vec3 *v)
     braked++;
 }
 
+/* ---- lists of what samples look at --------------------------------------------------------------------------------
+ */
+
+/* 1 when a face's own rule holds a sample of another, whatever list it is in. */
+static int rule_holds(const sb_contact *c, int face, int other, const sb_real *weights)
+{
+    const sbi_contact_faces *faces = c->faces;
+    const int size = faces->sizes[other], *nodes = sbi_contact_face_nodes(faces, other);
+    const sb_vec3 at = sbi_contact_mean(weights, sbi_contact_face_nodes(faces, face), faces->sizes[face], c->x);
+    const sb_vec3 n = sbi_pairs_face_normal(c, other);
+    sb_vec3 x[SB_MAX_FACE_NODES], way;
+    sb_real height, beside, lean;
+    sbi_closest closest;
+    for (int a = 0; a < size; a++)
+        x[a] = c->x[nodes[a]];
+    sbi_closest_on_face(&faces->kinds[size], x, at, &closest);
+    way = sb_v3_sub(at, closest.point);
+    height = sb_v3_dot(n, way);
+    beside = sb_v3_norm(sbi_contact_tangential(way, n));
+    lean = height > 0 ? SBI_PAIR_LEAN : SBI_PAIR_LEAN_INSIDE;
+    return height <= sbi_pairs_highest(c, face, other) && -height <= sbi_pairs_deepest(c, other) &&
+           beside <= lean * sb_abs(height) + SBI_PAIR_BESIDE * faces->lengths[other];
+}
+
+static int listed;
+
+/* Of a face: all that holds a sample of it is in the list of holders, and what is in a list is found among all. */
+static void check_lists(sb_contact *c, int face, int *all)
+{
+    const sbi_pairs *pairs = &c->pairs;
+    const sbi_contact_rule *rule = sbi_contact_face_rule(c->faces, face, sbi_pairs_parts(c, face, 0));
+    int count = 0, found, place = 0;
+    for (int other = 0; other < c->faces->face_end; other++) {
+        const sb_vec3 way = sb_v3_sub(pairs->plates[face].middle, pairs->plates[other].middle);
+        if (pairs->organs[other] != pairs->organs[face] &&
+            sb_v3_norm(way) < 2 * (pairs->plates[face].radius + pairs->plates[other].radius))
+            all[count++] = other;
+    }
+    found = sbi_pairs_find_relating(c, face, all, count);
+    for (int k = 0; k < count; k++) {
+        sb_real highest = 0;
+        const int lists = sbi_pairs_relate(c, face, all[k], &highest);
+        const int is_found = place < found && pairs->relating[place] == all[k];
+        int holds = 0;
+        place += is_found;
+        for (int i = 0; i < rule->count; i++)
+            holds |= rule_holds(c, face, all[k], rule->weights + (size_t)i * (size_t)c->faces->sizes[face]);
+        CHECK((is_found || !lists) && (!holds || (lists >> SBI_PAIR_HOLDERS & 1)));
+        listed += holds;
+    }
+}
+
+static sb_result (*own_begin)(void *, const sbi_touch_step *, sb_error *);
+
+static sb_result watched_begin(void *user, const sbi_touch_step *step, sb_error *error)
+{
+    enum { EACH = 5 };
+    sb_contact *c = (sb_contact *)user;
+    sb_result result = own_begin(user, step, error);
+    int *all = (int *)malloc((size_t)c->faces->face_end * sizeof *all);
+    for (int face = 0; result == SB_OK && face < c->faces->face_end; face += EACH)
+        check_lists(c, face, all);
+    free(all);
+    return result;
+}
+
 /* ---- constraints --------------------------------------------------------------------------------------------------
  */
 
@@ -342,6 +408,8 @@ static void throw_organs(unsigned long long number, sb_integrator integrator, in
     o.p.contact->touch.hold = watched_hold;
     own_brake = o.p.contact->touch.brake;
     o.p.contact->touch.brake = watched_brake;
+    own_begin = o.p.contact->touch.begin;
+    o.p.contact->touch.begin = watched_begin;
     start = energy_of(o.p.body);
     for (int i = 0; i < (int)(0.4 / dt + 0.5); i++) {
         if (!CHECK_OK(sb_body_step(o.p.body, REAL(dt), NULL)))
@@ -366,6 +434,7 @@ static void test_thrown(void)
     for (int i = 0; i < scenes; i++)
         throw_organs((unsigned long long)i, SB_EULER, 0);
     CHECK(held > 0 || scenes < 10);
+    CHECK(listed > 0);
 }
 
 /* What is taken out of a step's motion does not come back as speed with integrators that damp little. */

@@ -252,6 +252,8 @@ static sb_result sbi_live_make_rest(const sb_body *body, const sbi_live_mesh *me
     result = sbi_body_remake_preconditioner(next, body->precond, error);
     if (result == SB_OK)
         result = sb_pcg_workspace_create(next->node_capacity, &next->allocator, &next->pcg, error);
+    if (result == SB_OK)
+        result = sbi_pcg_keep_guest_room(&next->pcg, &body->pcg, next->node_capacity, body->node_capacity, error);
     next->pcg.row_count = domain->node_count;
     if (result == SB_OK && body->assembly.terms)
         result = sbi_assembly_reserve_memory(&next->assembly, body->assembly.terms, &next->allocator, error);

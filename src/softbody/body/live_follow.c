@@ -597,6 +597,7 @@ static void sbi_live_follow_all(sbi_live_following *work)
     sbi_assembly_follow(&body->assembly, &body->matrix, out);
     sbi_live_wake_nodes(work);
     sbi_live_label_changed(work);
+    sbi_live_stiffen_glue(body);
     for (int k = 0; k < work->node_count; k++)
         if (work->lists->nodes[k] < body->domain.node_count)
             sbi_live_park_node(body, work->lists->nodes[k], work->lists->gone[k] > 0);

@@ -210,17 +210,34 @@ SBI_API void sbi_live_take_glue(sb_body *body)
     body->live->glue = body->live->next_glue;
     body->live->next_glue = glue;
     body->live->next_glue.count = 0;
-    sbi_live_stiffen_glue(body);
 }
 
 /* ---- values ---- */
+
+/* 1 when one side of a tie stands on nodes that have no material, and are parked: a blade went exactly along the
+ * boundary, or twice along one plane, and parted a film from the tissue. Nothing moves such nodes, so the tie would
+ * hold the other side to the ground. Nodes that take next to no part in the jump do not count: of a film along faces
+ * that lie within the tissue the one beyond has no material either. */
+static int sbi_live_tie_is_idle(const sb_body *body, const sbi_glue_tie *tie)
+{
+    const sb_real little = (sb_real)1e-6; /* of N_a^2 */
+    int nodes = body->live->glue.nodes, is_idle = 0;
+    sb_real most = 0;
+    for (int a = 0; a < nodes; a++)
+        most = sb_max(most, tie->gram[sbi_glue_at(nodes, a, a)]);
+    for (int a = 0; a < nodes; a++)
+        for (int side = 0; side < 2; side++)
+            is_idle |=
+                body->node_component[tie->nodes[side][a]] < 0 && tie->gram[sbi_glue_at(nodes, a, a)] > little * most;
+    return is_idle;
+}
 
 SBI_API void sbi_live_stiffen_glue(sb_body *body)
 {
     sbi_glue *glue = &body->live->glue;
     for (int k = 0; k < glue->count; k++) {
         const sb_material *material = body->materials + body->cell_material[glue->ties[k].cells[0]];
-        glue->ties[k].stiffness = material->lambda + 2 * material->mu;
+        glue->ties[k].stiffness = sbi_live_tie_is_idle(body, glue->ties + k) ? 0 : material->lambda + 2 * material->mu;
     }
 }
 
@@ -229,6 +246,7 @@ SBI_API void sbi_body_set_glue(sb_body *body, const sbi_glue_tie *ties, int coun
     sbi_glue *glue = &body->live->glue;
     for (int k = 0; k < sbi_min_int(count, glue->count); k++)
         memcpy(glue->ties[k].gram, ties[k].gram, sizeof ties[k].gram);
+    sbi_live_stiffen_glue(body);
     body->force_current = 0;
     sbi_live_begin_anew(body);
     memset(&body->guard, 0, sizeof body->guard);

@@ -217,6 +217,7 @@ SBI_API int sbi_live_list_couplings(const sbi_glue *glue, int (*pairs)[2], int c
 SBI_API sbi_matrix_couplings sbi_live_glue_couplings(sb_body *body, const sbi_mesh_change *out);
 /* glue = next_glue */
 SBI_API void sbi_live_take_glue(sb_body *body);
+/* The stiffness of each tie, of the material and by which nodes have any. */
 SBI_API void sbi_live_stiffen_glue(sb_body *body);
 SBI_API sb_result sbi_live_check_glue(const sb_body *body, sb_error *error);
 /* The change leads to these ties, of which it reads cells and Gram matrices; the list is borrowed until it is committed

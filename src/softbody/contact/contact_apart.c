@@ -80,8 +80,9 @@ typedef struct sbi_apart_sample {
 static int sbi_apart_stays_off(const sb_contact *contact, int other, const sbi_apart_sample *s)
 {
     const sbi_pairs *pairs = &contact->pairs;
-    sb_vec3 off = sb_v3_sub(s->at, pairs->middles[other]);
-    sb_real reach = sb_v3_norm(sb_v3_sub(s->way, pairs->ways[other])) + pairs->spreads[other] + pairs->radii[other];
+    sb_vec3 off = sb_v3_sub(s->at, pairs->plates[other].middle);
+    sb_real reach =
+        sb_v3_norm(sb_v3_sub(s->way, pairs->ways[other])) + pairs->spreads[other] + pairs->plates[other].radius;
     return sb_v3_dot(off, off) > reach * reach;
 }
 
@@ -221,7 +222,8 @@ static int sbi_apart_find(sbi_apart_look *look, int face, int other)
  * passes within a share of its edge, see sbi_closest_meeting, and goes on to a depth that is not safe. */
 static sb_real sbi_apart_least_way(const sb_contact *contact, int other)
 {
-    return SBI_APART_GOES * sbi_pairs_safe_depth(contact, other) - SBI_APART_PASSES * contact->pairs.radii[other];
+    return SBI_APART_GOES * sbi_pairs_safe_depth(contact, other) -
+           SBI_APART_PASSES * contact->pairs.plates[other].radius;
 }
 
 /* 1 when no face moves so fast that a sample may stray. */

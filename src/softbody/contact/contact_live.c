@@ -30,7 +30,10 @@ static void sbi_contact_lay_out_pairs(sb_contact *c, sbi_arena *arena)
     p->organs = (int *)sbi_arena_take(arena, faces, sizeof(int));
     p->found = (int *)sbi_arena_take(arena, faces, sizeof(int));
     for (int list = 0; list < SBI_PAIR_LISTS; list++)
-        p->lists[list] = (sbi_pair_ball *)sbi_arena_take(arena, faces, sizeof(sbi_pair_ball));
+        p->lists[list] = (int *)sbi_arena_take(arena, faces, sizeof(int));
+    p->relating = (int *)sbi_arena_take(arena, faces, sizeof(int));
+    p->balls = (sbi_pair_ball *)sbi_arena_take(arena, faces, sizeof *p->balls);
+    p->picks = (sbi_pair_pick *)sbi_arena_take(arena, faces, sizeof *p->picks);
     p->slot_of = (int *)sbi_arena_take(arena, faces, sizeof(int));
     p->around = (int *)sbi_arena_take(arena, faces, (size_t)c->faces->width * sizeof(int));
     p->first_face = (int *)sbi_arena_take(arena, nodes + 1, sizeof(int));
@@ -52,12 +55,9 @@ static void sbi_contact_lay_out_pairs(sb_contact *c, sbi_arena *arena)
         p->lips.rims = (unsigned char *)sbi_arena_take(arena, faces, 1);
         p->lips.ends = (unsigned char *)sbi_arena_take(arena, nodes, 1);
     }
-    p->middles = (sb_vec3 *)sbi_arena_take(arena, faces, sizeof(sb_vec3));
+    p->plates = (sbi_pair_plate *)sbi_arena_take(arena, faces, sizeof *p->plates);
     p->corner_normals = (sb_vec3 *)sbi_arena_take(arena, faces, SBI_PAIR_CORNERS * sizeof(sb_vec3));
     p->corners_known = (unsigned char *)sbi_arena_take(arena, faces, 1);
-    p->radii = (sb_real *)sbi_arena_take(arena, faces, sizeof(sb_real));
-    p->bulges = (sb_real *)sbi_arena_take(arena, faces, sizeof(sb_real));
-    p->normals = (sb_vec3 *)sbi_arena_take(arena, faces, sizeof(sb_vec3));
     p->ways = (sb_vec3 *)sbi_arena_take(arena, faces, sizeof(sb_vec3));
     p->spreads = (sb_real *)sbi_arena_take(arena, faces, sizeof(sb_real));
 }

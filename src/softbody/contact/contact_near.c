@@ -214,12 +214,13 @@ SBI_API int sbi_pairs_may_touch(const sb_contact *contact, int face, int other)
 {
     const sbi_pairs *pairs = &contact->pairs;
     sb_real least = pairs->organs[face] == pairs->organs[other] ? SBI_NEAR_FACING : SBI_NEAR_TURNED;
-    return sb_v3_dot(pairs->normals[face], pairs->normals[other]) < least && sbi_pairs_are_apart(contact, face, other);
+    return sb_v3_dot(pairs->plates[face].normal, pairs->plates[other].normal) < least &&
+           sbi_pairs_are_apart(contact, face, other);
 }
 
 SBI_API int sbi_pairs_face(const sb_contact *contact, int face, int other)
 {
-    return sb_v3_dot(contact->pairs.normals[face], contact->pairs.normals[other]) < SBI_NEAR_FACING;
+    return sb_v3_dot(contact->pairs.plates[face].normal, contact->pairs.plates[other].normal) < SBI_NEAR_FACING;
 }
 
 SBI_API int sbi_pairs_are_apart(const sb_contact *contact, int face, int other)
@@ -237,7 +238,10 @@ SBI_API int sbi_pairs_are_apart(const sb_contact *contact, int face, int other)
     return sb_v3_dot(apart, apart) > least * least || sbi_pairs_are_lips(contact, face, other);
 }
 
-SBI_API sb_vec3 sbi_pairs_face_normal(const sb_contact *contact, int face) { return contact->pairs.normals[face]; }
+SBI_API sb_vec3 sbi_pairs_face_normal(const sb_contact *contact, int face)
+{
+    return contact->pairs.plates[face].normal;
+}
 
 /* Normal at a corner of a face: of the faces around it that go on smoothly. */
 static sb_vec3 sbi_near_make_corner_normal(const sb_contact *contact, int face, int node)
@@ -321,7 +325,24 @@ static int sbi_near_controls(int size, const sb_vec3 *x, sb_vec3 *controls)
     return count;
 }
 
-/* A ball around a face, and how thick that has to be along its normal. */
+/* A ball around the corners of a triangle. */
+static void sbi_near_fit_triangle(sbi_pair_plate *plate, const int *nodes, const sb_vec3 *x)
+{
+    const sb_vec3 at[3] = {x[nodes[0]], x[nodes[1]], x[nodes[2]]};
+    sb_vec3 middle = {0, 0, 0};
+    sb_real square = 0;
+    for (int a = 0; a < 3; a++)
+        middle = sb_v3_madd(middle, 1 / (sb_real)3, at[a]);
+    for (int a = 0; a < 3; a++) {
+        sb_vec3 way = sb_v3_sub(at[a], middle);
+        square = sb_max(square, sb_v3_dot(way, way));
+    }
+    plate->middle = middle;
+    plate->radius = SBI_NEAR_LOOSE * sb_sqrt(square);
+    plate->bulge = 0;
+}
+
+/* The same around one of another kind, and how thick that has to be along its normal. */
 static void sbi_near_fit_ball(sb_contact *contact, int face, const sb_vec3 *x)
 {
     const int *nodes = sbi_contact_face_nodes(contact->faces, face);
@@ -336,24 +357,32 @@ static void sbi_near_fit_ball(sb_contact *contact, int face, const sb_vec3 *x)
     for (int a = 0; a < count; a++) {
         sb_vec3 way = sb_v3_sub(controls[a], middle);
         square = sb_max(square, sb_v3_dot(way, way));
-        if (size > 3)
-            bulge = sb_max(bulge, sb_abs(sb_v3_dot(way, contact->pairs.normals[face])));
+        bulge = sb_max(bulge, sb_abs(sb_v3_dot(way, contact->pairs.plates[face].normal)));
     }
-    contact->pairs.middles[face] = middle;
-    contact->pairs.radii[face] = SBI_NEAR_LOOSE * sb_sqrt(square);
-    contact->pairs.bulges[face] = SBI_NEAR_LOOSE * bulge;
+    contact->pairs.plates[face].middle = middle;
+    contact->pairs.plates[face].radius = SBI_NEAR_LOOSE * sb_sqrt(square);
+    contact->pairs.plates[face].bulge = SBI_NEAR_LOOSE * bulge;
 }
 
 SBI_API void sbi_pairs_look(sb_contact *contact, const sb_vec3 *x)
 {
-    const sbi_face_tree *tree = &contact->faces->tree;
-    sbi_pair_cone *cones = contact->pairs.cones;
     for (int f = 0; f < contact->faces->face_end; f++) {
         contact->pairs.vectors[f] = sbi_near_vector(contact->faces, f, x);
-        contact->pairs.normals[f] = sbi_near_unit(contact->pairs.vectors[f]);
-        sbi_near_fit_ball(contact, f, x);
+        contact->pairs.plates[f].normal = sbi_near_unit(contact->pairs.vectors[f]);
+        if (contact->faces->sizes[f] == 3)
+            sbi_near_fit_triangle(contact->pairs.plates + f, sbi_contact_face_nodes(contact->faces, f), x);
+        else
+            sbi_near_fit_ball(contact, f, x);
         contact->pairs.corners_known[f] = 0;
     }
+    contact->pairs.cones_known = 0;
+}
+
+static void sbi_near_fit_cones(sb_contact *contact)
+{
+    const sbi_face_tree *tree = &contact->faces->tree;
+    sbi_pair_cone *cones = contact->pairs.cones;
+    contact->pairs.cones_known = 1;
     for (int leaf = 0; leaf < tree->leaf_count; leaf++)
         sbi_near_fit_leaf(contact, leaf, cones + leaf);
     for (int level = 1; level < tree->level_count; level++)
@@ -394,8 +423,8 @@ SBI_API sb_real sbi_pairs_closing(const sb_contact *contact, int face, int other
 static int sbi_near_is_far(const sb_contact *contact, int face, int other, sb_real grow)
 {
     const sbi_pairs *pairs = &contact->pairs;
-    sb_vec3 way = sb_v3_sub(pairs->middles[face], pairs->middles[other]);
-    sb_real square = sb_v3_dot(way, way), reach = grow + pairs->radii[face] + pairs->radii[other];
+    sb_vec3 way = sb_v3_sub(pairs->plates[face].middle, pairs->plates[other].middle);
+    sb_real square = sb_v3_dot(way, way), reach = grow + pairs->plates[face].radius + pairs->plates[other].radius;
     if (square <= reach * reach) /* most are */
         return 0;
     reach += sbi_pairs_closing(contact, face, other);
@@ -413,11 +442,18 @@ SBI_API sb_real sbi_pairs_highest_ever(const sb_contact *contact, int other)
     return sb_max(contact->pairs.distance, SBI_NEAR_HIGH * contact->faces->lengths[other]);
 }
 
+/* No face's is higher (m). */
+static sb_real sbi_near_highest_of_all(const sb_contact *contact)
+{
+    return sb_max(contact->pairs.distance, SBI_NEAR_HIGH * contact->pairs.longest_face);
+}
+
 /* How much nearer to a face's plane another one coasts. */
 static sb_real sbi_near_coasts(const sbi_pairs *pairs, int face, int other)
 {
     sb_vec3 against = sb_v3_sub(pairs->ways[face], pairs->ways[other]);
-    sb_real nearer = pairs->bulges[other] > 0 ? sb_v3_norm(against) : -sb_v3_dot(pairs->normals[other], against);
+    sb_real nearer =
+        pairs->plates[other].bulge > 0 ? sb_v3_norm(against) : -sb_v3_dot(pairs->plates[other].normal, against);
     return sb_max((sb_real)0, sb_min(nearer + pairs->spreads[face] + pairs->spreads[other], 2 * pairs->still.ahead));
 }
 
@@ -446,17 +482,54 @@ SBI_API int sbi_pairs_is_inside_out(const sb_contact *contact, int face)
                (sbi_near_cell_turn(contact->body, cell, sb_body_rest_positions(contact->body)) > 0);
     for (int a = 0; a < count; a++)
         middle = sb_v3_madd(middle, 1 / (sb_real)count, contact->x[cell[a]]);
-    return !(sb_v3_dot(contact->pairs.normals[face], sb_v3_sub(contact->pairs.middles[face], middle)) > 0);
+    return !(sb_v3_dot(contact->pairs.plates[face].normal, sb_v3_sub(contact->pairs.plates[face].middle, middle)) > 0);
 }
 
 SBI_API int sbi_pairs_is_above(const sb_contact *contact, int other, sb_vec3 at, sb_real most)
 {
     const sbi_pairs *pairs = &contact->pairs;
-    sb_real height = sb_v3_dot(pairs->normals[other], sb_v3_sub(at, pairs->middles[other])) - pairs->bulges[other];
+    sb_real height =
+        sb_v3_dot(pairs->plates[other].normal, sb_v3_sub(at, pairs->plates[other].middle)) - pairs->plates[other].bulge;
     return height > most + SBI_NEAR_ROUNDED * contact->faces->lengths[other];
 }
 
-/* A face as a disc around its middle, against the plane and the ball of another. */
+/* What the points of a face lie between: its corners of a flat one; without a corner a disc around its middle. */
+typedef struct sbi_near_shape {
+    sbi_pair_plate plate;
+    sb_vec3 corners[4];
+    int count;
+} sbi_near_shape;
+
+static void sbi_near_take_shape(const sb_contact *contact, int face, sbi_near_shape *shape)
+{
+    const int *nodes = sbi_contact_face_nodes(contact->faces, face), size = contact->faces->sizes[face];
+    shape->plate = contact->pairs.plates[face];
+    shape->count = size <= 4 ? size : 0;
+    for (int a = 0; a < shape->count; a++)
+        shape->corners[a] = contact->x[nodes[a]];
+}
+
+/* Least and most height of a face above the plane of another, but for what either bulges (m); way: from middle to
+ * middle. */
+SB_INLINE void sbi_near_heights(const sbi_near_shape *shape, const sbi_pair_plate *other, sb_vec3 way,
+                                sb_real heights[2])
+{
+    if (shape->count > 0) {
+        heights[0] = heights[1] = sb_v3_dot(other->normal, sb_v3_sub(shape->corners[0], other->middle));
+        for (int a = 1; a < shape->count; a++) {
+            const sb_real height = sb_v3_dot(other->normal, sb_v3_sub(shape->corners[a], other->middle));
+            heights[0] = sb_min(heights[0], height);
+            heights[1] = sb_max(heights[1], height);
+        }
+    } else {
+        const sb_real height = sb_v3_dot(other->normal, way), turn = sb_v3_dot(other->normal, shape->plate.normal);
+        const sb_real tall = shape->plate.radius * sb_sqrt(sb_max((sb_real)0, 1 - turn * turn));
+        heights[0] = height - tall;
+        heights[1] = height + tall;
+    }
+}
+
+/* A face as its shape, against the plane and the ball of another. */
 typedef struct sbi_near_disc {
     sb_real turn, low, high;      /* of the normals; m: least and most height above the plane */
     sb_real square, beside, wide; /* m^2: of its middle from the other, across the normal; m: what both reach */
@@ -482,20 +555,51 @@ static int sbi_near_may_come(const sb_contact *contact, int face, int other, con
 static int sbi_near_take_disc(const sb_contact *contact, int face, int other, sb_real most, sbi_near_disc *disc)
 {
     const sbi_pairs *pairs = &contact->pairs;
-    const sb_vec3 n = pairs->normals[other], way = sb_v3_sub(pairs->middles[face], pairs->middles[other]);
-    const sb_real radius = pairs->radii[face], rounded = 3 * SBI_PAIR_BESIDE * contact->faces->lengths[other];
-    const sb_real thick = pairs->bulges[face] + pairs->bulges[other] + rounded, height = sb_v3_dot(n, way);
-    sb_real tall, reach;
-    if (height > sb_max(most, 2 * pairs->still.ahead) + radius + thick)
+    const sbi_pair_plate *plate = pairs->plates + other;
+    const sb_real rounded = 3 * SBI_PAIR_BESIDE * contact->faces->lengths[other];
+    sb_real heights[2], thick, height, reach;
+    sbi_near_shape shape;
+    sb_vec3 way;
+    sbi_near_take_shape(contact, face, &shape);
+    way = sb_v3_sub(shape.plate.middle, plate->middle);
+    sbi_near_heights(&shape, plate, way, heights);
+    thick = shape.plate.bulge + plate->bulge + rounded;
+    disc->low = heights[0] - thick, disc->high = heights[1] + thick;
+    if (disc->low > sb_max(most, 6 * pairs->still.ahead))
         return 0;
-    disc->turn = sb_v3_dot(n, pairs->normals[face]);
-    disc->wide = radius + pairs->radii[other] + rounded;
-    tall = radius * sb_sqrt(sb_max((sb_real)0, 1 - disc->turn * disc->turn)) + thick;
-    disc->low = height - tall, disc->high = height + tall;
+    height = sb_v3_dot(plate->normal, way);
+    disc->turn = sb_v3_dot(plate->normal, shape.plate.normal);
+    disc->wide = shape.plate.radius + plate->radius + rounded;
     disc->square = sb_v3_dot(way, way);
     disc->beside = disc->square - height * height;
     reach = disc->wide + sb_max(sb_max(most, 6 * pairs->still.ahead), -SBI_PAIR_SLANTED * disc->low);
     return !(disc->beside > reach * reach);
+}
+
+/* The same as sbi_near_take_disc asks, of bounds that are those of all faces. No branches: which are in a list is as
+ * good as chance. */
+SBI_API int sbi_pairs_find_relating(sb_contact *contact, int face, const int *others, int count)
+{
+    const sbi_pairs *pairs = &contact->pairs;
+    const sb_real soon = pairs->distance + pairs->leeway + 2 * pairs->still.ahead;
+    const sb_real most =
+        SBI_NEAR_LOOSE * sb_max(sb_min(sbi_near_highest_of_all(contact), soon), 6 * pairs->still.ahead);
+    const sb_real rounded = SBI_NEAR_LOOSE * 3 * SBI_PAIR_BESIDE * pairs->longest_face;
+    sbi_near_shape shape;
+    int found = 0;
+    sbi_near_take_shape(contact, face, &shape);
+    for (int i = 0; i < count; i++) {
+        const sbi_pair_plate *other = pairs->plates + others[i];
+        const sb_vec3 way = sb_v3_sub(shape.plate.middle, other->middle);
+        const sb_real height = sb_v3_dot(other->normal, way), wide = shape.plate.radius + other->radius + rounded;
+        sb_real heights[2], low, reach;
+        sbi_near_heights(&shape, other, way, heights);
+        low = heights[0] - shape.plate.bulge - other->bulge - rounded;
+        reach = SBI_NEAR_LOOSE * (wide + sb_max(most, -SBI_PAIR_SLANTED * low));
+        pairs->relating[found] = others[i];
+        found += (low <= most) & (sb_v3_dot(way, way) - height * height <= reach * reach);
+    }
+    return found;
 }
 
 SBI_API int sbi_pairs_relate(const sb_contact *contact, int face, int other, sb_real *highest)
@@ -523,18 +627,18 @@ SBI_API int sbi_pairs_relate(const sb_contact *contact, int face, int other, sb_
 /* How far a face is from the plane of another at least, on either side. */
 static sb_real sbi_near_off_plane(const sbi_pairs *pairs, int face, int other, sb_real lean)
 {
-    sb_vec3 way = sb_v3_sub(pairs->middles[face], pairs->middles[other]);
-    sb_real height = sb_abs(sb_v3_dot(pairs->normals[other], way));
-    return height - pairs->radii[face] * lean - pairs->bulges[face] - pairs->bulges[other];
+    sb_vec3 way = sb_v3_sub(pairs->plates[face].middle, pairs->plates[other].middle);
+    sb_real height = sb_abs(sb_v3_dot(pairs->plates[other].normal, way));
+    return height - pairs->plates[face].radius * lean - pairs->plates[face].bulge - pairs->plates[other].bulge;
 }
 
 SBI_API sb_real sbi_pairs_between(const sb_contact *contact, int face, int other)
 {
     const sbi_pairs *pairs = &contact->pairs;
-    sb_real turn = sb_v3_dot(pairs->normals[face], pairs->normals[other]);
+    sb_real turn = sb_v3_dot(pairs->plates[face].normal, pairs->plates[other].normal);
     sb_real lean = sb_sqrt(sb_max((sb_real)0, 1 - turn * turn)), most;
-    most =
-        sb_v3_norm(sb_v3_sub(pairs->middles[face], pairs->middles[other])) - pairs->radii[face] - pairs->radii[other];
+    most = sb_v3_norm(sb_v3_sub(pairs->plates[face].middle, pairs->plates[other].middle)) - pairs->plates[face].radius -
+           pairs->plates[other].radius;
     most = sb_max(most, sbi_near_off_plane(pairs, face, other, lean));
     return sb_max(most, sbi_near_off_plane(pairs, other, face, lean));
 }
@@ -657,6 +761,8 @@ SBI_API void sbi_pairs_find_near(sb_contact *contact, sb_real grow, sbi_near_kin
     walk.contact = contact;
     walk.kind = kind;
     walk.grow = (float)(grow + 2 * tree->spacing);
+    if (kind != SBI_NEAR_ANY && !contact->pairs.cones_known)
+        sbi_near_fit_cones(contact);
     for (int place = 0; place < tree->count; place++)
         sbi_face_tree_place_box(tree, place, contact->pairs.box_low + place, contact->pairs.box_high + place);
     memset(contact->pairs.near, 0, (size_t)sbi_face_tree_words(contact->faces->face_room) * sizeof(uint64_t));
@@ -694,23 +800,28 @@ SBI_API int sbi_pairs_next_near(const sb_contact *contact, int face)
     return -1;
 }
 
-/* Faces whose boxes meet this one, in pairs.found, but, where organs do not touch themselves, most of the face's own.
- */
-static int sbi_near_query(sb_contact *contact, int face, sb_vec3 low, sb_vec3 high)
+SBI_API int sbi_pairs_query_but(sb_contact *contact, int organ, sb_vec3 low, sb_vec3 high, int *found)
 {
     sbi_contact_faces *faces = contact->faces;
     sbi_face_tree_groups groups;
     groups.first = contact->pairs.first_organ;
     groups.last = contact->pairs.last_organ;
-    groups.left_out = contact->pairs.kinds & SB_CONTACT_SELF ? -1 : contact->pairs.organs[face];
-    return sbi_face_tree_query_groups(&faces->tree, low, high, &groups, faces->marks, contact->pairs.found,
-                                      faces->face_room);
+    groups.left_out = organ;
+    return sbi_face_tree_query_groups(&faces->tree, low, high, &groups, faces->marks, found, faces->face_room);
+}
+
+/* Faces whose boxes meet this one, in pairs.found, but, where organs do not touch themselves, most of the face's own.
+ */
+static int sbi_near_query(sb_contact *contact, int face, sb_vec3 low, sb_vec3 high)
+{
+    const int organ = contact->pairs.kinds & SB_CONTACT_SELF ? -1 : contact->pairs.organs[face];
+    return sbi_pairs_query_but(contact, organ, low, high, contact->pairs.found);
 }
 
 SBI_API int sbi_pairs_find_around(sb_contact *contact, int face, sb_real most)
 {
-    const sb_vec3 at = contact->pairs.middles[face];
-    most += contact->pairs.radii[face];
+    const sb_vec3 at = contact->pairs.plates[face].middle;
+    most += contact->pairs.plates[face].radius;
     return sbi_near_query(contact, face, sb_v3(at.x - most, at.y - most, at.z - most),
                           sb_v3(at.x + most, at.y + most, at.z + most));
 }

@@ -86,13 +86,29 @@ enum { SBI_PAIR_CORNERS = 4 }; /* of a face at most */
  * that one may come to on its way. */
 enum { SBI_PAIR_HOLDERS = 0, SBI_PAIR_BACKS = 1, SBI_PAIR_COMERS = 2, SBI_PAIR_LISTS = 3 };
 
-/* A face in such a list: no point of it is farther from the middle than the radius; a sample farther from it than most
- * has nothing to do with it, nor has one higher above it than that (m). */
+/* A face where the step begins: no point of it is farther from the middle than the radius, nor higher above or below
+ * the plane through that than the bulge (m; 0: flat). What is asked of a face lies side by side, since faces are asked
+ * for in no order. */
+typedef struct sbi_pair_plate {
+    sb_vec3 middle, normal; /* m; unit, or 0 where the face has no area */
+    sb_real radius, bulge;
+} sbi_pair_plate;
+
+/* A face in such lists: a sample farther from it than `most` has nothing to do with it, nor has one higher above it
+ * than `highest` or lower than `deepest`, both with what rounding makes of it; in a step it goes as far as `goes` at
+ * most (m). */
 typedef struct sbi_pair_ball {
-    sb_vec3 middle;
-    sb_real radius, most, highest;
+    sbi_pair_plate plate;
+    sb_real most, highest, deepest, goes, rounded;
     int face;
 } sbi_pair_ball;
+
+/* One that a sample has to look at: its number of those found, how high the sample is above its plane (lower than 0:
+ * behind), and the squares of how far it is from the middle, and beside that across the normal (m, m^2). */
+typedef struct sbi_pair_pick {
+    int number;
+    sb_real height, square, beside;
+} sbi_pair_pick;
 
 /* Smallest and largest, of the unit normals below a box of the tree. */
 typedef struct sbi_pair_cone {
@@ -161,26 +177,26 @@ typedef struct sbi_pairs {
     sb_real farthest;              /* m: nothing in front of any face that is farther from it is paired with it */
     sb_real reach;                 /* m: boxes this near are looked at */
     sb_real leeway;                /* m: how much nearer than by coasting two points may come in this step unseen */
-    sbi_pair_cone *cones;          /* by the tree's boxes */
+    sbi_pair_cone *cones;          /* by the tree's boxes; of this step: */
+    int cones_known;               /* 1: a walk has asked for them */
     int *first_organ, *last_organ; /* likewise */
     sb_vec3 *box_low, *box_high;   /* m, by the tree's places: of the walk at hand */
 
     /* of the step, likewise by face */
     sb_vec3 *vectors;             /* across each face, twice its area long (m^2), where the step begins */
-    sb_vec3 *middles;             /* m, there: no point of the face is farther from it than: */
-    sb_real *radii;               /* m */
-    sb_real *bulges;              /* m: none is higher above or below the plane through the middle; 0: flat */
+    sbi_pair_plate *plates;       /* there */
     sb_vec3 *corner_normals;      /* [faces][SBI_PAIR_CORNERS] of the smooth surface, where corners_known has a bit */
     unsigned char *corners_known; /* bits of corners */
-    sb_vec3 *normals;             /* unit, or 0 where a face has no area */
     sb_vec3 *ways;                /* m, over the step: no point of the face goes otherwise by more than: */
     sb_real *spreads;             /* m */
     uint64_t *near;               /* a bit for each face that is near one that it looks at */
     sbi_pairs_still still;        /* what is known of steps before */
     int *found;
-    sbi_pair_ball *lists[SBI_PAIR_LISTS]; /* of those found, what samples of the face at hand need to look at */
-    int list_counts[SBI_PAIR_LISTS];
-    int *slot_of;       /* -1 between steps */
+    int *relating;        /* [faces] of those that a face may come near, what may be in any of its lists */
+    sbi_pair_ball *balls; /* [faces] what samples of the face at hand need to look at, */
+    int *lists[SBI_PAIR_LISTS], list_counts[SBI_PAIR_LISTS]; /* by their numbers in it */
+    sbi_pair_pick *picks;                                    /* [faces] of a list, for the sample at hand */
+    int *slot_of;                                            /* -1 between steps */
     int *zones;         /* [nodes] what moves as one, see contact_apart.c: a node of it, -1: this one moves by itself */
     sb_vec3 *node_ways; /* [nodes] ways of the body's nodes over the step (m), while they are mended */
     sbi_zones zones_made;                         /* by what was mended in this step */
@@ -228,7 +244,7 @@ typedef struct sbi_pair_search {
     sbi_pair_box box;  /* of its way in this step */
     const int *coming; /* faces among which are all that it may come near */
     int coming_count;
-    int listed;      /* how often such a face is in one of pairs->lists */
+    int listed;      /* how many of them are in pairs->balls */
     int first;       /* of them: is likely to be the nearest; -1: nothing is known */
     int slips;       /* 1: the face has no friction in this step */
     sb_vec3 at, way; /* m: at the start; over the step, as it coasts */

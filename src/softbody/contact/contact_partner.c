@@ -9,6 +9,8 @@
 
 /* Of its depth: where a face of any look is nearer than that, a sample is not held by this one. */
 #define SBI_PARTNER_SIDE ((sb_real)0.9)
+/* More than rounding makes of lengths. */
+#define SBI_PARTNER_LOOSE ((sb_real)1.001)
 
 static void sbi_partner_gather(const sb_contact *contact, int face, sb_vec3 *x)
 {
@@ -21,16 +23,27 @@ static void sbi_partner_gather(const sb_contact *contact, int face, sb_vec3 *x)
 static int sbi_partner_is_far(const sbi_pair_search *search, int other, sb_real most)
 {
     const sbi_pairs *pairs = &search->contact->pairs;
-    sb_vec3 way = sb_v3_sub(search->at, pairs->middles[other]);
-    sb_real reach = pairs->radii[other] + most;
+    sb_vec3 way = sb_v3_sub(search->at, pairs->plates[other].middle);
+    sb_real reach = pairs->plates[other].radius + most;
     return sb_v3_dot(way, way) > reach * reach;
 }
 
-static int sbi_partner_is_out_of(const sbi_pair_ball *ball, sb_vec3 at, sb_real most)
+/* What a sample at a place is to a face of list `number`. */
+SB_INLINE sbi_pair_pick sbi_partner_pick(const sbi_pair_ball *ball, int number, sb_vec3 at)
 {
-    sb_vec3 way = sb_v3_sub(at, ball->middle);
-    sb_real reach = ball->radius + most;
-    return sb_v3_dot(way, way) > reach * reach;
+    const sb_vec3 way = sb_v3_sub(at, ball->plate.middle);
+    sbi_pair_pick pick;
+    pick.number = number;
+    pick.height = sb_v3_dot(ball->plate.normal, way);
+    pick.square = sb_v3_dot(way, way);
+    pick.beside = pick.square - pick.height * pick.height;
+    return pick;
+}
+
+static int sbi_partner_is_out_of(const sbi_pair_ball *ball, const sbi_pair_pick *pick, sb_real most)
+{
+    const sb_real reach = ball->plate.radius + most;
+    return pick->square > reach * reach;
 }
 
 /* Lengths that rounding does not reach (m). */
@@ -44,6 +57,21 @@ static sb_real sbi_partner_farthest(const sb_contact *contact, int other)
 {
     sb_real height = sb_max(sbi_pairs_deepest(contact, other), sbi_pairs_highest_ever(contact, other));
     return (1 + SBI_PAIR_LEAN) * height + SBI_PAIR_BESIDE * contact->faces->lengths[other];
+}
+
+static sbi_pair_ball sbi_partner_make_ball(const sbi_pair_search *search, int other, sb_real highest)
+{
+    const sb_contact *contact = search->contact;
+    const sbi_pairs *pairs = &contact->pairs;
+    sbi_pair_ball ball;
+    ball.plate = pairs->plates[other];
+    ball.most = sbi_partner_farthest(contact, other);
+    ball.highest = highest;
+    ball.deepest = sbi_pairs_deepest(contact, other);
+    ball.goes = sb_v3_norm(pairs->ways[other]) + pairs->spreads[other];
+    ball.rounded = sbi_partner_rounded(search, other);
+    ball.face = other;
+    return ball;
 }
 
 /* 1 when the sample lies in the organ of this face where the step begins. What an organ overlaps itself by is not seen
@@ -125,56 +153,75 @@ static void sbi_partner_try_near(sbi_pair_search *search, int other, sb_real hig
     search->closest = look.closest;
 }
 
-/* 1 when a face is no nearer than what holds the sample: by how far that is from its plane at least, and the square of
- * how far it is beside its middle. */
-static int sbi_partner_is_no_nearer(const sbi_pair_search *search, int other, sb_real off, sb_real beside)
+/* 1 when a face is no nearer than what holds the sample. */
+static int sbi_partner_is_no_nearer(const sbi_pair_search *search, const sbi_pair_ball *ball, const sbi_pair_pick *pick)
 {
-    sb_real most = search->measure + SBI_PAIR_BESIDE * search->contact->faces->lengths[other];
+    const sb_real off = sb_max((sb_real)0, sb_abs(pick->height) - ball->plate.bulge);
+    const sb_real most = search->measure + SBI_PAIR_BESIDE * search->contact->faces->lengths[ball->face];
     sb_real reach = most * most - off * off;
     if (reach < 0)
         return 1;
-    reach = search->contact->pairs.radii[other] + sb_sqrt(reach);
-    return beside > reach * reach;
+    reach = ball->plate.radius + sb_sqrt(reach);
+    return pick->beside > reach * reach;
 }
 
-/* 1 when a face's own rule cannot hold the sample, or no better than what does: by how high it is above the plane
- * (lower: behind) and how far beside the face. */
-static int sbi_partner_is_useless(const sbi_pair_search *search, int other, sb_real highest)
+/* 1 when a face's own rule may hold the sample: by how high that is above the plane and how far beside the face. No
+ * branches: which of a list may is as good as chance. */
+SB_INLINE int sbi_partner_may_hold(const sbi_pair_ball *ball, const sbi_pair_pick *pick)
 {
-    const sb_contact *contact = search->contact;
-    const sbi_pairs *pairs = &contact->pairs;
-    sb_vec3 way = sb_v3_sub(search->at, pairs->middles[other]);
-    sb_real height = sb_v3_dot(pairs->normals[other], way), beside = sb_v3_dot(way, way) - height * height, reach;
-    sb_real bulge = pairs->bulges[other], rounded = sbi_partner_rounded(search, other);
-    reach = pairs->radii[other] + rounded +
-            (height + bulge > 0 ? SBI_PAIR_LEAN : SBI_PAIR_LEAN_INSIDE) * (sb_abs(height) + bulge);
-    return beside > reach * reach || height - bulge > highest + rounded ||
-           -height - bulge > sbi_pairs_deepest(contact, other) + rounded ||
-           (search->best >= 0 &&
-            sbi_partner_is_no_nearer(search, other, sb_max((sb_real)0, sb_abs(height) - bulge), beside));
+    const sb_real height = pick->height, bulge = ball->plate.bulge;
+    const sb_real lean = height + bulge > 0 ? SBI_PAIR_LEAN : SBI_PAIR_LEAN_INSIDE;
+    const sb_real reach = ball->plate.radius + ball->rounded + lean * (sb_abs(height) + bulge);
+    const sb_real ball_reach = ball->plate.radius + ball->most;
+    return (pick->square <= ball_reach * ball_reach) & (pick->beside <= reach * reach) &
+           (height - bulge <= ball->highest + ball->rounded) & (-height - bulge <= ball->deepest + ball->rounded);
 }
 
-/* How far a face may be that is of use now (m). */
-static sb_real sbi_partner_most(const sbi_pair_search *search, sb_real farthest)
+/* Those that may hold the sample, in pairs->picks; returns how many. */
+static int sbi_partner_pick_holders(const sbi_pair_search *search)
 {
-    return search->best >= 0 ? sb_min(farthest, search->measure) : farthest;
+    sbi_pairs *pairs = &search->contact->pairs;
+    const int *list = pairs->lists[SBI_PAIR_HOLDERS];
+    int picked = 0;
+    for (int i = 0; i < pairs->list_counts[SBI_PAIR_HOLDERS]; i++) {
+        const sbi_pair_ball *ball = pairs->balls + list[i];
+        const sbi_pair_pick pick = sbi_partner_pick(ball, list[i], search->at);
+        pairs->picks[picked] = pick;
+        picked += sbi_partner_may_hold(ball, &pick);
+    }
+    return picked;
+}
+
+/* 1 when one that may hold the sample does so no better than what already does. */
+static int sbi_partner_is_useless(const sbi_pair_search *search, const sbi_pair_ball *ball, const sbi_pair_pick *pick)
+{
+    return search->best >= 0 && (sbi_partner_is_out_of(ball, pick, sb_min(ball->most, search->measure)) ||
+                                 sbi_partner_is_no_nearer(search, ball, pick));
+}
+
+/* Tries what the sample before this one was nearest to. */
+static void sbi_partner_try_first(sbi_pair_search *search, int first)
+{
+    const sb_real highest = sbi_pairs_highest(search->contact, search->face, first);
+    const sbi_pair_ball ball = sbi_partner_make_ball(search, first, highest);
+    const sbi_pair_pick pick = sbi_partner_pick(&ball, 0, search->at);
+    if (sbi_partner_may_hold(&ball, &pick))
+        sbi_partner_try_near(search, first, highest);
 }
 
 /* Tries those that may hold the sample; one first. */
 static void sbi_partner_try_holders(sbi_pair_search *search, int first)
 {
     const sbi_pairs *pairs = &search->contact->pairs;
-    const sbi_pair_ball *balls = pairs->lists[SBI_PAIR_HOLDERS];
+    const int picked = sbi_partner_pick_holders(search);
     search->best = search->nearest = -1;
-    if (first >= 0 && !sbi_partner_is_far(search, first, sbi_partner_farthest(search->contact, first))) {
-        sb_real highest = sbi_pairs_highest(search->contact, search->face, first);
-        if (!sbi_partner_is_useless(search, first, highest))
-            sbi_partner_try_near(search, first, highest);
+    if (first >= 0)
+        sbi_partner_try_first(search, first);
+    for (int i = 0; i < picked; i++) {
+        const sbi_pair_ball *ball = pairs->balls + pairs->picks[i].number;
+        if (ball->face != first && !sbi_partner_is_useless(search, ball, pairs->picks + i))
+            sbi_partner_try_near(search, ball->face, ball->highest);
     }
-    for (int i = 0; i < pairs->list_counts[SBI_PAIR_HOLDERS]; i++)
-        if (!sbi_partner_is_out_of(balls + i, search->at, sbi_partner_most(search, balls[i].most)) &&
-            balls[i].face != first && !sbi_partner_is_useless(search, balls[i].face, balls[i].highest))
-            sbi_partner_try_near(search, balls[i].face, balls[i].highest);
 }
 
 /* ---- a sample behind faces none of which holds it ---- */
@@ -188,36 +235,43 @@ static sb_real sbi_partner_nearest_at_most(const sbi_pair_search *search, int fi
         return search->nearest_away;
     if (first < 0 || sbi_partner_is_far(search, first, sbi_partner_farthest(contact, first)))
         return SB_REAL_MAX;
-    return sb_v3_norm(sb_v3_sub(search->at, pairs->middles[first])) +
-           (pairs->bulges[first] > 0 ? pairs->radii[first] : 0);
+    return sb_v3_norm(sb_v3_sub(search->at, pairs->plates[first].middle)) +
+           (pairs->plates[first].bulge > 0 ? pairs->plates[first].radius : 0);
 }
 
-/* 1 when the sample may lie straight behind a face, no farther than that. */
-static int sbi_partner_may_be_behind(const sbi_pair_search *search, int other, sb_real most)
+/* 1 when a sample may lie straight behind a face, no farther than that, as far as its plane tells. */
+SB_INLINE int sbi_partner_may_lie_behind(const sbi_pair_ball *ball, const sbi_pair_pick *pick, sb_real most)
+{
+    const sb_real height = pick->height, bulge = ball->plate.bulge;
+    const sb_real reach = ball->plate.radius + SBI_PAIR_SLANTED * (bulge - height) + ball->rounded;
+    const sb_real ball_reach = ball->plate.radius + sb_min(most, ball->most);
+    return (pick->square <= ball_reach * ball_reach) & (height < bulge) & (-height - bulge <= most + ball->rounded) &
+           (pick->beside <= reach * reach);
+}
+
+/* The same by the nearest point of the face. */
+static int sbi_partner_may_be_behind(const sbi_pair_search *search, const sbi_pair_ball *ball, sb_real most)
 {
     const sbi_pairs *pairs = &search->contact->pairs;
-    sb_vec3 way = sb_v3_sub(search->at, pairs->middles[other]);
-    sb_real height = sb_v3_dot(pairs->normals[other], way), beside = sb_v3_dot(way, way) - height * height;
-    sb_real rounded = sbi_partner_rounded(search, other), bulge = pairs->bulges[other];
-    sb_real reach = pairs->radii[other] + SBI_PAIR_SLANTED * (bulge - height) + rounded;
     sbi_partner_look look;
-    if (!(height < bulge) || -height - bulge > most + rounded || pairs->organs[other] == pairs->organs[search->face] ||
-        beside > reach * reach)
+    if (pairs->organs[ball->face] == pairs->organs[search->face])
         return 0;
-    sbi_partner_look_at(search, other, &look);
-    return look.away < most + rounded && SBI_PAIR_TURNED * look.away < rounded - look.height;
+    sbi_partner_look_at(search, ball->face, &look);
+    return look.away < most + ball->rounded && SBI_PAIR_TURNED * look.away < ball->rounded - look.height;
 }
 
 /* 1 when it may lie straight behind some face, no farther than the nearest is: that of all is to be found. */
 static int sbi_partner_is_behind_any(const sbi_pair_search *search, int first)
 {
     const sbi_pairs *pairs = &search->contact->pairs;
-    const sbi_pair_ball *balls = pairs->lists[SBI_PAIR_BACKS];
+    const int *list = pairs->lists[SBI_PAIR_BACKS];
     sb_real most = sbi_partner_nearest_at_most(search, first);
-    for (int i = 0; i < pairs->list_counts[SBI_PAIR_BACKS]; i++)
-        if (!sbi_partner_is_out_of(balls + i, search->at, sb_min(most, balls[i].most)) &&
-            sbi_partner_may_be_behind(search, balls[i].face, most))
+    for (int i = 0; i < pairs->list_counts[SBI_PAIR_BACKS]; i++) {
+        const sbi_pair_ball *ball = pairs->balls + list[i];
+        const sbi_pair_pick pick = sbi_partner_pick(ball, list[i], search->at);
+        if (sbi_partner_may_lie_behind(ball, &pick, most) && sbi_partner_may_be_behind(search, ball, most))
             return 1;
+    }
     return 0;
 }
 
@@ -282,6 +336,13 @@ static void sbi_partner_try_around(sbi_pair_search *search)
 
 /* ---- a face that the sample will come to on its way ---- */
 
+/* 1 when a face may be on the sample's way, which is that long (m). */
+SB_INLINE int sbi_partner_may_come(const sbi_pair_ball *ball, const sbi_pair_pick *pick, sb_real way)
+{
+    const sb_real most = SBI_PARTNER_LOOSE * (way + ball->goes), reach = ball->plate.radius + most;
+    return (pick->square <= reach * reach) & (pick->height - ball->plate.bulge <= most + ball->rounded);
+}
+
 static void sbi_partner_try_way(sbi_pair_search *search, int other)
 {
     const sb_contact *contact = search->contact;
@@ -314,30 +375,37 @@ static void sbi_partner_try_way(sbi_pair_search *search, int other)
     }
 }
 
-/* ---- a face and its samples ---- */
-
-static void sbi_partner_list(sbi_pairs *pairs, int list, int face, sb_real most, sb_real highest)
+/* The first that it comes to. */
+static void sbi_partner_try_ways(sbi_pair_search *search)
 {
-    sbi_pair_ball *ball = pairs->lists[list] + pairs->list_counts[list]++;
-    ball->middle = pairs->middles[face];
-    ball->radius = pairs->radii[face];
-    ball->most = most;
-    ball->highest = highest;
-    ball->face = face;
+    const sbi_pairs *pairs = &search->contact->pairs;
+    const int *list = pairs->lists[SBI_PAIR_COMERS];
+    const sb_real way = sb_v3_norm(search->way);
+    for (int i = 0; search->best < 0 && i < pairs->list_counts[SBI_PAIR_COMERS]; i++) {
+        const sbi_pair_ball *ball = pairs->balls + list[i];
+        const sbi_pair_pick pick = sbi_partner_pick(ball, list[i], search->at);
+        if (sbi_partner_may_come(ball, &pick, way))
+            sbi_partner_try_way(search, ball->face);
+    }
 }
+
+/* ---- a face and its samples ---- */
 
 /* A face that may come near, in the lists in which samples look for it. */
 static void sbi_partner_list_face(sbi_pair_search *search, int other, int lists, sb_real highest)
 {
-    const sb_real farthest = sbi_partner_farthest(search->contact, other);
-    for (int list = 0; list < SBI_PAIR_LISTS; list++)
-        if (lists >> list & 1)
-            sbi_partner_list(&search->contact->pairs, list, other, farthest, highest);
+    sbi_pairs *pairs = &search->contact->pairs;
+    pairs->balls[search->listed] = sbi_partner_make_ball(search, other, highest);
+    for (int list = 0; list < SBI_PAIR_LISTS; list++) { /* no branches */
+        pairs->lists[list][pairs->list_counts[list]] = search->listed;
+        pairs->list_counts[list] += lists >> list & 1;
+    }
     search->listed++;
 }
 
 SBI_API void sbi_pairs_begin_search(sb_contact *contact, const sbi_touch_step *step, int face, sbi_pair_search *search)
 {
+    int relating;
     memset(search, 0, sizeof *search);
     search->contact = contact;
     search->step = step;
@@ -346,8 +414,9 @@ SBI_API void sbi_pairs_begin_search(sb_contact *contact, const sbi_touch_step *s
     search->box = sbi_pairs_way_box(contact, face);
     search->coming_count = sbi_pairs_find_coming(contact, face, &search->coming);
     memset(contact->pairs.list_counts, 0, sizeof contact->pairs.list_counts);
-    for (int i = 0; i < search->coming_count; i++) {
-        const int other = search->coming[i];
+    relating = sbi_pairs_find_relating(contact, face, search->coming, search->coming_count);
+    for (int i = 0; i < relating; i++) {
+        const int other = contact->pairs.relating[i];
         sb_real highest = 0;
         int lists = sbi_pairs_relate(contact, face, other, &highest);
         if (lists && sbi_partner_counts(search, other))
@@ -358,7 +427,6 @@ SBI_API void sbi_pairs_begin_search(sb_contact *contact, const sbi_touch_step *s
 
 SBI_API void sbi_pairs_find_partner(sbi_pair_search *search, sb_vec3 at, sb_vec3 way)
 {
-    const sbi_pairs *pairs = &search->contact->pairs;
     const int first = search->first;
     search->at = at;
     search->way = way;
@@ -371,6 +439,6 @@ SBI_API void sbi_pairs_find_partner(sbi_pair_search *search, sb_vec3 at, sb_vec3
     }
     if (search->nearest >= 0)
         search->first = search->best >= 0 ? search->best : search->nearest;
-    for (int i = 0; search->best < 0 && i < pairs->list_counts[SBI_PAIR_COMERS]; i++)
-        sbi_partner_try_way(search, pairs->lists[SBI_PAIR_COMERS][i].face);
+    if (search->best < 0)
+        sbi_partner_try_ways(search);
 }

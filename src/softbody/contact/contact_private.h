@@ -282,6 +282,9 @@ SBI_API int sbi_pairs_next_near(const sb_contact *contact, int face);
 SBI_API int sbi_pairs_find_others(sb_contact *contact, int face, const sb_vec3 *x, const sb_vec3 *v, sb_real dt,
                                   sb_real grow);
 
+/* Faces whose boxes meet [low, high] (m), in found [faces], but most of those of an organ (-1: of none); returns how
+ * many. */
+SBI_API int sbi_pairs_query_but(sb_contact *contact, int organ, sb_vec3 low, sb_vec3 high, int *found);
 /* Faces whose boxes a face's way may meet, as it coasts, and more: all those within `grow` (m); in pairs.found. */
 SBI_API int sbi_pairs_query(sb_contact *contact, int face, sb_real grow);
 /* Notes the boxes of all that is marked in pairs.near. */
@@ -298,6 +301,8 @@ SBI_API int sbi_pairs_find_around(sb_contact *contact, int face, sb_real most);
 SBI_API sb_real sbi_pairs_between(const sb_contact *contact, int face, int other);
 /* Deepest overlap with a face at which a point is surely on this side of it (m). */
 SBI_API sb_real sbi_pairs_deepest(const sb_contact *contact, int face);
+/* Of a list of faces those that sbi_pairs_relate may put into any list, in pairs.relating; returns how many. */
+SBI_API int sbi_pairs_find_relating(sb_contact *contact, int face, const int *others, int count);
 /* Which lists another face is in, as bits, for the samples of a face where the step begins, and on their ways. In that
  * of holders *highest is what sbi_pairs_highest says. */
 SBI_API int sbi_pairs_relate(const sb_contact *contact, int face, int other, sb_real *highest);

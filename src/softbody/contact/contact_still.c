@@ -205,8 +205,8 @@ static sb_real sbi_still_sample_apart(const sb_contact *contact, int face, int c
     const sbi_contact_faces *faces = contact->faces;
     for (int i = 0; least > enough && i < count; i++) {
         int other = pairs->found[i];
-        sb_vec3 x[SB_MAX_FACE_NODES], way = sb_v3_sub(at, pairs->middles[other]);
-        sb_real reach = least + pairs->radii[other];
+        sb_vec3 x[SB_MAX_FACE_NODES], way = sb_v3_sub(at, pairs->plates[other].middle);
+        sb_real reach = least + pairs->plates[other].radius;
         sbi_closest closest;
         if (pairs->organs[other] == pairs->organs[face] || sb_v3_dot(way, way) > reach * reach)
             continue;
@@ -231,7 +231,7 @@ static sb_real sbi_still_samples_apart(sb_contact *contact, int face, int count,
     }
     /* no surface is in a ball of this radius around any sample; the balls cover the face: all is on its middle's side
      */
-    if (least > contact->pairs.radii[face] / (sb_real)parts)
+    if (least > contact->pairs.plates[face].radius / (sb_real)parts)
         return least;
     for (int i = 0; least > enough && i < rule->count; i++) {
         sb_vec3 at = sbi_contact_mean(rule->weights + (size_t)i * (size_t)size, nodes, size, contact->x);
@@ -263,7 +263,8 @@ SBI_API void sbi_pairs_let_be(sb_contact *contact, int face)
     count = sbi_still_find_around(contact, face);
     apart = contact->faces->sizes[face] == 3 ? sbi_still_samples_apart(contact, face, count, enough, pairs->reach)
                                              : sbi_still_apart(contact, face, count, pairs->reach);
-    if (apart > enough && !sbi_pairs_is_within_others(contact, pairs->organs[face], pairs->middles[face], contact->x)) {
+    if (apart > enough &&
+        !sbi_pairs_is_within_others(contact, pairs->organs[face], pairs->plates[face].middle, contact->x)) {
         still->until[face] = still->gone + apart / 2;
         still->tired[face] = 0;
     }

@@ -44,7 +44,7 @@ static int sbi_within_face(const sb_contact *contact, int face, sb_vec3 at, cons
 static int sbi_within_sum(sb_contact *contact, int organ, int others, sb_vec3 at, const sb_vec3 *x, const sb_vec3 *way)
 {
     sb_vec3 end = {SB_REAL_MAX, at.y, at.z};
-    int sum = 0, count = sbi_contact_faces_query(contact->faces, at, end, contact->scratch, contact->faces->face_room);
+    int sum = 0, count = sbi_pairs_query_but(contact, others ? organ : -1, at, end, contact->scratch);
     for (int i = 0; i < count; i++)
         if ((contact->pairs.organs[contact->scratch[i]] != organ) == others)
             sum += sbi_within_face(contact, contact->scratch[i], at, x, way);

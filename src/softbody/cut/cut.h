@@ -96,8 +96,9 @@
  *   what is cut, and go into it.
  * - Glue is looked at along a line of half an element to either side: another blade that goes by as near releases it,
  *   too. A part that hangs by one or two glued triangles swings on them: static solves may not converge. Where a blade
- *   goes exactly along the boundary, glue may tie material to nodes that have none, which stand still. With parts so
- * far apart that each has a box of its own, glue of pieces without volume may stay.
+ *   goes exactly along the boundary, it may part a film without volume, whose nodes have no material and stand still:
+ *   glue to it holds nothing. With parts so far apart that each has a box of its own, glue of pieces without volume may
+ *   stay.
  * - Parts of the mesh that hang together at an edge or a node alone come apart there where an element of that node is
  *   cut.
  * - Slivers of mass make explicit steps short: in bodies that step explicitly crossings keep off the points of the

@@ -1122,6 +1122,24 @@ SBI_API sb_result sbi_pcg_reserve_guest_room(sb_pcg_workspace *workspace, const 
     return SB_OK;
 }
 
+SBI_API sb_result sbi_pcg_keep_guest_room(sb_pcg_workspace *workspace, const sb_pcg_workspace *from, int rows,
+                                          int from_rows, sb_error *error)
+{
+    size_t times = (size_t)(rows / sbi_max_int(1, from_rows)) + (rows % sbi_max_int(1, from_rows) != 0), bytes = 0;
+    unsigned char *memory;
+    if (!from->guest_bytes)
+        return SB_OK;
+    memory = sbi_size_add(&bytes, from->guest_bytes, times)
+                 ? (unsigned char *)sbi_alloc_zeroed(&workspace->allocator, bytes, 1)
+                 : NULL;
+    if (!memory)
+        return sbi_fail(error, SB_ERROR_MEMORY, "no memory for the guests of a solve with %d nodes", rows);
+    sbi_free(&workspace->allocator, workspace->guests);
+    workspace->guests = memory;
+    workspace->guest_bytes = bytes;
+    return SB_OK;
+}
+
 /* 1 when space was reserved for these. */
 static int sbi_pcg_has_room(const sb_pcg_workspace *workspace, const sbi_guests *guests)
 {

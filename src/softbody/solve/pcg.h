@@ -107,6 +107,10 @@ SBI_API sb_result sbi_pcg_reserve_guest_room(sb_pcg_workspace *workspace, const 
                                              int unknowns, int nodes, sb_error *error);
 /* What was reserved, for steps of several solves; NULL: nothing was. */
 SBI_API sbi_guest_space *sbi_pcg_guests(const sb_pcg_workspace *workspace);
+/* The room that another workspace has for guests, of so many nodes there as here or more, so that the first solve of a
+ * matrix that was made anew allocates nothing. */
+SBI_API sb_result sbi_pcg_keep_guest_room(sb_pcg_workspace *workspace, const sb_pcg_workspace *from, int rows,
+                                          int from_rows, sb_error *error);
 /* Makes the preconditioner of a matrix that is solved with guests: as sb_preconditioner_update, but with the nodes that
  * guests take held, whose equations their own blocks solve. The matrix is as before in the end. Also
  * SB_ERROR_ARGUMENT: no space was reserved for them. */

@@ -231,7 +231,7 @@ static sbi_fsai_dense sbi_fsai_dense_at(float *scratch, size_t nodes)
 static int sbi_fsai_scales(const sb_matrix *a, const int *nodes, double scale, sbi_fsai_dense *d)
 {
     for (int k = 0; k < d->size; k++) {
-        float entry = (float)((double)a->blocks[a->diagonal[nodes[k / 3]]][4 * (k % 3)] * scale);
+        float entry = sbi_precond_in_range((double)a->blocks[a->diagonal[nodes[k / 3]]][4 * (k % 3)] * scale);
         if (!(entry > 0 && entry <= FLT_MAX))
             return 0;
         d->scales[k] = 1 / sqrtf(entry);

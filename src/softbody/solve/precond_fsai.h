@@ -11,6 +11,10 @@
 
 enum { SBI_FSAI_TASKS = 32 }; /* a scratch matrix each; more than the cores at hand, so that none waits long */
 
+/* An entry of the diagonal, in terms of the mean one, with an inverse that floats have: crumbs of cut tissue weigh
+ * 1e-40 of a node. What is raised is solved for slowly, by residuals too small to count. */
+SB_INLINE float sbi_precond_in_range(double entry) { return entry > 0 && entry < 1e-30 ? 1e-30f : (float)entry; }
+
 /* Blocks are three rows of four floats, the fourth 0. G is stored twice, by rows and by columns, so that both products
  * have one writer per row. */
 typedef struct sbi_fsai {

@@ -198,7 +198,7 @@ SBI_FORCE_INLINE void sbi_precond_diagonal(const sb_preconditioner *p, const sb_
 {
     const sb_real *block = a->blocks[a->diagonal[i]];
     for (int r = 0; r < 3; r++) {
-        float diagonal = (float)((double)block[4 * r] * p->matrix_scale * factor);
+        float diagonal = sbi_precond_in_range((double)block[4 * r] * p->matrix_scale * factor);
         d[r] = sbi_f4_round_row(block + 3 * r, (sb_real)p->matrix_scale);
         SBI_F4(d[r], r) = diagonal;
         least[r] = diagonal > 0 ? 64 * FLT_EPSILON * diagonal : 0;
