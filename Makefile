@@ -15,7 +15,7 @@
 #   make shared     a library for other languages    make bindings   what calls it from Python and C#
 #   make page       an organ in a browser: build/page.html
 #   make verification                                writes tests/verification.md from the tests named verification_...
-#   make sanitize   the tests under ASan and UBSan   make cross      MinGW-w64 and wasm32, run under wine and node
+#   make sanitize   the tests under ASan and UBSan   make cross      MinGW-w64, wasm32 and ARM, run under wine, node, qemu
 #   make dev        the tests of FILTER="..." with each source an object of its own: a change compiles little
 #   make lint       warnings, split build, linkage   make fuzz       FUZZ_SECONDS=10 for each target
 #   make soak       SOAK_STEPS=1000000 per element, SOAK_HOURS=24 per simulated hand, SOAK_SWEEPS=1000000 of tools through
@@ -229,6 +229,7 @@ FLOAT_TESTS = $(TESTS)
 some = $(1:%=tests/test_%.c)
 OTHER_CFLAGS = -O1 # of the builds that differ in language or system only: they compile faster
 MINGW = x86_64-w64-mingw32-gcc
+ARM = aarch64-linux-gnu-gcc
 WASM = $(WASI) -D_WASI_EMULATED_PROCESS_CLOCKS
 
 $(eval $(call suite,double,$(CC) $(CFLAGS),-std=c99 $(C_WARNINGS)))
@@ -371,6 +372,8 @@ $(eval $(call golden,clang-O3,$(CLANG) -std=gnu99 -O3 -march=native))
 
 test-golden: $(GOLDEN_NAMES:%=build/golden-%/tests)
 	tests/total.sh $(^:%='% /golden')
+# On 64-bit ARM the golden results, too.
+$(eval $(call suite,aarch64,$(ARM) $(OTHER_CFLAGS),-std=c99 $(C_WARNINGS),-static,,$(sort $(call some,$(PORTABLE)) $(GOLDEN_TESTS))))
 
 cross:
 	MAKE='$(MAKE)' FILTER='$(QUICK)' tests/cross.sh

@@ -59,7 +59,7 @@ if [ -n "${CHECK_ALL:-}" ]; then
     counted "sanitizers over the suites of violent loops" "$make sanitize FILTER='step integrators stuffing schemes viscoelastic load bbar'"
     counted "tests as C++11" "CHECK_QUICK=1 $make test-cpp"
     counted "many random cases" "CHECK_SLOW=1 $make test FILTER=anything"
-    counted "other systems: MinGW under wine, wasm32 under node" "CHECK_QUICK=1 $make cross"
+    counted "other systems: MinGW under wine, wasm32 under node, 64-bit ARM under qemu" "CHECK_QUICK=1 $make cross"
 fi
 counted "installed, and as packages" "$make test-ports"
 single "benchmarks compile" "$make benches BENCH_CFLAGS='-fsyntax-only -std=gnu11 -fopenmp -DSB_USE_OPENMP'"

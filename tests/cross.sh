@@ -1,6 +1,6 @@
 #!/bin/sh
 # Builds the tests for other systems and runs them where that is possible: MinGW-w64 under wine, wasm32-wasi under
-# node. A tool that is missing is a skip. From the root, through `make cross`; FILTER picks tests. Ends with
+# node, 64-bit ARM under qemu (the golden results with them: the same bits as elsewhere). A tool that is missing is a skip. From the root, through `make cross`; FILTER picks tests. Ends with
 # `N passed, N failed, N skipped`.
 make=${MAKE:-make}
 skipped=0
@@ -43,6 +43,19 @@ else
     # node 20 may crash while it takes its own WASI down, after the program has ended: what counts is the program's
     # closing line, without which tests/total.sh sees a failure
     set -- "$@" "node --no-warnings $flag tests/wasi.mjs build/wasm/tests.wasm $FILTER; true"
+fi
+
+arm=aarch64-linux-gnu-gcc
+if ! has $arm; then
+    skip "no $arm"
+elif ! $make --no-print-directory build/aarch64/tests; then
+    set -- "$@" "echo 'ARM: the build failed'; false"
+elif [ "$(uname -m)" = aarch64 ]; then
+    set -- "$@" "build/aarch64/tests $FILTER"
+elif ! has qemu-aarch64; then
+    skip "no qemu-aarch64: the ARM build was linked, not run"
+else
+    set -- "$@" "qemu-aarch64 build/aarch64/tests $FILTER"
 fi
 
 [ $# = 0 ] && set -- "true; echo '0 passed, 0 failed, 0 skipped'"
