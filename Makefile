@@ -212,9 +212,9 @@ endef
 UNIT_CFLAGS = -O0 # of tests and parts that are compiled beside the whole implementation: that takes a fraction of the time
 build/double/test_contact_sweep.o: UNIT_CFLAGS =# its look at every face is a fifth of what a sweep takes, and there are many
 # Null pointers and what is beyond an object are the address sanitizer's to see. Alignment and sums of pointers, at every
-# access, are a third of what it takes to compile: the fuzz targets have them.
-SANITIZERS = -fsanitize=address,undefined -fno-sanitize=null,object-size,alignment,pointer-overflow \
-	-fno-sanitize-recover=undefined -fno-omit-frame-pointer
+# access, cost a third of the time: the fuzz targets have them, and CHECK_ALL=1.
+FEW_SANITIZERS = $(if $(CHECK_ALL),,-fno-sanitize=null$(,)object-size$(,)alignment$(,)pointer-overflow)
+SANITIZERS = -fsanitize=address,undefined $(FEW_SANITIZERS) -fno-sanitize-recover=undefined -fno-omit-frame-pointer
 SANITIZE_CFLAGS = -O1 -g
 # Suites that touch most of what a language, a system or threads could change; the other builds are of all.
 PORTABLE = core dense element material mesh meshio sparse pcg body step state record surface embed grid rod steer \

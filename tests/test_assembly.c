@@ -145,7 +145,7 @@ static void compare(const scene *s)
 
 static void test_against_generic(void)
 {
-    static const double violence[] = {0, 0.05, 0.5, 2}; /* at rest, bent, inverted, knotted */
+    static const double violence[] = {0, 0.05, 0.5, 2}; /* at rest, bent, inverted, folded-over */
     static const sb_element_type types[] = {SB_TET4, SB_TET10};
     for (int t = 0; t < 2; t++)
         for (int mixed = 0; mixed < 2; mixed++)

@@ -588,7 +588,7 @@ static reference reference_solve(scene *s, const scene_def *what, const void *be
     u = (sb_real *)malloc(sizeof(sb_real) * (size_t)r.nodes);
     memcpy(u, s->body->start, sizeof(sb_real) * (size_t)r.nodes);
     CHECK_OK(sb_body_state_load(o, before, bytes, NULL));
-    o->assembly.unknots = !what->iterated;
+    o->assembly.fold_fallback = !what->iterated;
     if (!what->iterated) /* there the stiffness of damping is that of the step, here of its start */
         sbi_assembly_begin_step(&o->assembly, REAL(t->level * t->dt));
     CHECK(sbi_assembly_force(&o->assembly, (const sb_vec3 *)(const void *)u, o->internal) < 0);
@@ -908,7 +908,7 @@ static double equations_left(scene *s, const scene_def *what, const void *before
     b = (double *)malloc(sizeof(double) * (size_t)n);
     damping = (double *)calloc((size_t)n * (size_t)n, sizeof(double));
     CHECK_OK(sb_body_state_load(s->other, before, bytes, NULL));
-    s->other->assembly.unknots = 0;
+    s->other->assembly.fold_fallback = 0;
     CHECK(sbi_assembly_force(&s->other->assembly, s->body->start, s->other->internal) < 0);
     sbi_assembly_tangent(&s->other->assembly, s->body->start, SB_TANGENT_SPD, 1, &s->other->matrix);
     reference_add(&s->other->matrix, 1, damping, n);

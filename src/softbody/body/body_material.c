@@ -399,7 +399,7 @@ SB_API sb_result sb_body_set_tension(sb_body *body, int region, sb_real tension,
         return result;
     body->materials[at] = material;
     sbi_body_materials_changed(body);
-    body->guard.ledger_open = 0; /* what a muscle gives or takes is no loss */
+    body->guard.monitor_open = 0; /* what a muscle gives or takes is no loss */
     sbi_body_tell_material(body, SBI_MATERIAL_TENSION, region, &material);
     return SB_OK;
 }

@@ -87,7 +87,7 @@ typedef struct sbi_traction {
 typedef struct sbi_step_guard {
     sb_real stable_step; /* at the last look (s) */
     int age;             /* substeps since */
-    int ledger_open;     /* 1: energy means something */
+    int monitor_open;    /* 1: energy means something */
     int caution, calm;   /* plan of substeps, and calls that went well with it */
     double energy;       /* what the body has left of what it was given (J): more cannot be in its motion */
 } sbi_step_guard;
@@ -290,7 +290,7 @@ struct sb_body {
     sb_vec3 *velocity0, *acceleration0; /* v = cv (u - start) + velocity0, a likewise */
     sb_vec3 *start;                     /* displacement at the start of the step */
     sb_vec3 *saved_velocity, *saved_acceleration, *saved_reaction, *saved_external, *saved_internal;
-    int saved_force_current, saved_unknots;
+    int saved_force_current, saved_fold_fallback;
     sbi_precond_memory saved_precond;
     sb_vec3 *converged; /* displacement at the last converged load increment */
     sb_vec3 *work, *work2;

@@ -273,7 +273,7 @@ static sb_result sbi_live_make_rest(const sb_body *body, const sbi_live_mesh *me
     if (result != SB_OK)
         return result;
     next->assembly.fibres = next->fibres;
-    next->assembly.unknots = body->assembly.unknots;
+    next->assembly.fold_fallback = body->assembly.fold_fallback;
     sbi_body_materials_changed(next);
     sb_body_reset(next);
     return SB_OK;
@@ -522,7 +522,7 @@ SBI_API sb_result sbi_live_carry(const sb_body *body, const sbi_mesh_change *cha
         return result;
     next->acceleration_known = body->acceleration_known;
     next->acceleration_step = body->acceleration_step;
-    next->assembly.unknots = body->assembly.unknots;
+    next->assembly.fold_fallback = body->assembly.fold_fallback;
     sbi_precond_set_memory(next->precond, sbi_precond_get_memory(body->precond));
     sbi_live_carry_momentum(body, change, next);
     return SB_OK;

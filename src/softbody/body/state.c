@@ -1095,7 +1095,7 @@ static void sbi_state_forces(sb_body *body, sbi_state_walk *walk, int current)
 static void sbi_state_motion(sb_body *body, sbi_state_walk *walk)
 {
     int n = body->domain.node_count;
-    int unknots = sbi_state_int(walk, body->assembly.unknots, 0, 1, "unknotting");
+    int fold_fallback = sbi_state_int(walk, body->assembly.fold_fallback, 0, 1, "fold-over fallback");
     int known = sbi_state_int(walk, body->acceleration_known, 0, 1, "acceleration mark");
     int current = sbi_state_int(walk, body->force_current, 0, 1, "force mark");
     sbi_state_vectors(walk, body->displacement, n, SBI_STATE_FINITE, "displacement");
@@ -1104,7 +1104,7 @@ static void sbi_state_motion(sb_body *body, sbi_state_walk *walk)
     sbi_state_forces(body, walk, current);
     if (walk->pass != SBI_STATE_READ)
         return;
-    body->assembly.unknots = unknots;
+    body->assembly.fold_fallback = fold_fallback;
     body->acceleration_known = known;
     body->force_current = current;
     sbi_body_update_positions(body);
@@ -1229,7 +1229,7 @@ static void sbi_state_guard(sb_body *body, sbi_state_walk *walk)
     sbi_step_guard guard;
     guard.stable_step = sbi_state_real(walk, body->guard.stable_step);
     guard.age = sbi_state_int(walk, body->guard.age, 0, INT32_MAX, "age of the stable step");
-    guard.ledger_open = sbi_state_int(walk, body->guard.ledger_open, 0, 1, "ledger mark");
+    guard.monitor_open = sbi_state_int(walk, body->guard.monitor_open, 0, 1, "mark of the energy monitor");
     guard.caution = sbi_state_int(walk, body->guard.caution, 0, SBI_EXPLICIT_CAUTION, "caution");
     guard.calm = sbi_state_int(walk, body->guard.calm, 0, INT32_MAX - 1, "calm");
     guard.energy = sbi_state_double(walk, body->guard.energy);

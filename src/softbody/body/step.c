@@ -171,7 +171,7 @@ SBI_API void sbi_step_save(sb_body *b)
     if (b->elimination)
         sbi_elimination_save(b->elimination, b->start);
     b->saved_force_current = b->force_current;
-    b->saved_unknots = b->assembly.unknots;
+    b->saved_fold_fallback = b->assembly.fold_fallback;
     b->saved_precond = sbi_precond_get_memory(b->precond);
     if (b->integrator == SB_CENTRAL_DIFFERENCE) /* its substeps move the memory on */
         sbi_assembly_save_memory(&b->assembly);
@@ -188,7 +188,7 @@ SBI_API void sbi_step_restore(sb_body *b)
     if (b->elimination)
         sbi_elimination_restore(b->elimination);
     b->force_current = b->saved_force_current;
-    b->assembly.unknots = b->saved_unknots;
+    b->assembly.fold_fallback = b->saved_fold_fallback;
     sbi_precond_set_memory(b->precond, b->saved_precond);
     if (b->integrator == SB_CENTRAL_DIFFERENCE)
         sbi_assembly_restore_memory(&b->assembly);
@@ -204,12 +204,12 @@ SBI_API void sbi_step_begin_info(sb_step_info *info)
     info->error.node = -1;
 }
 
-/* Whether knotted cells get one rotation; forces that were made under the other rule are made anew. */
-SBI_API void sbi_step_watch_knots(sb_body *b, int unknots)
+/* Whether folded-over cells get one rotation; forces that were made under the other rule are made anew. */
+SBI_API void sbi_step_watch_folds(sb_body *b, int fold_fallback)
 {
-    if (b->assembly.unknots != unknots)
+    if (b->assembly.fold_fallback != fold_fallback)
         b->force_current = 0;
-    b->assembly.unknots = unknots;
+    b->assembly.fold_fallback = fold_fallback;
 }
 
 SBI_API void sbi_step_forget_error(sb_step_info *info)
@@ -288,7 +288,7 @@ static sb_result sbi_step_open(sb_body *body, sb_real dt, sb_step_info *info, sb
     step->begun = sbi_body_now(body);
     sbi_step_set_up(step, body, dt, step->info);
     sbi_step_save(body);
-    sbi_step_watch_knots(body, step->linearised);
+    sbi_step_watch_folds(body, step->linearised);
     return SB_OK;
 }
 
@@ -520,7 +520,7 @@ SBI_API int sbi_step_begin_again(sbi_step *step, sb_result *result)
     fresh.patience = step->patience;
     *step = fresh;
     sbi_step_restore(step->body);
-    sbi_step_watch_knots(step->body, step->linearised);
+    sbi_step_watch_folds(step->body, step->linearised);
     *result = sbi_step_take_guests(step, step->given.list, step->given.count);
     if (*result == SB_OK)
         *result = sbi_step_start(step);
@@ -553,7 +553,7 @@ static sb_result sbi_step_run_explicit(sb_body *body, sb_real dt, sb_step_info *
             return result;
         }
         sbi_step_restore(body);
-        sbi_step_watch_knots(body, 0);
+        sbi_step_watch_folds(body, 0);
         body->guard = guard;
         if (touch) {
             sbi_body_update_positions(body);

@@ -2,17 +2,17 @@
  * gamma 1/2), which can change the length of its steps.
  *
  * What keeps it from exploding: substeps below the stable step, which comes from an upper bound of the highest
- * frequency at the present shape and is looked at again as the shape changes; and a ledger of energy. A body has no
+ * frequency at the present shape and is looked at again as the shape changes; and an energy monitor. A body has no
  * more energy than it had and was given since by loads and supports, up to a factor of order 1; where stiffness grows
- * faster than one looks, substeps multiply it. A call that breaks the ledger is done again with more caution, and what
- * the most cautious one arrives at opens a new ledger. Energy is that of the motion, of the body and of its springs; to
- * the rest of the forces the ledger gives credit for their work. Near the limit elastic energy swings, up to
- * 1/(1 - margin^2) times what its frequency has; what linear bodies keep in steps of h is the energy less
- * h^2/8 a^T M a, and that is what the ledger measures.
+ * faster than one looks, substeps multiply it. A call that breaks the monitor is done again with more caution, and what
+ * the most cautious one arrives at opens a new monitor. Energy is that of the motion, of the body and of its springs;
+ * to the rest of the forces the monitor gives credit for their work. Near the limit elastic energy swings, up to 1/(1 -
+ * margin^2) times what its frequency has; what linear bodies keep in steps of h is the energy less h^2/8 a^T M a, and
+ * that is what the monitor measures.
  *
  * Prony terms move on with every substep, so that between substeps, when forces, energy and bound are asked for, the
  * body responds as to a sudden strain: with its instantaneous stiffness, which the bound needs. Its long-term energy is
- * what the ledger can measure. The rest, which is in the terms and may yet come out, is gone with the longest
+ * what the monitor can measure. The rest, which is in the terms and may yet come out, is gone with the longest
  * relaxation time at the latest.
  *
  * Constrained bodies move in the unknowns that are no slaves, u = T u' + b, with masses and forces handed on; see
@@ -31,7 +31,7 @@ enum { SBI_EXPLICIT_SWEEPS = 12 }; /* of the iteration for the bound: its gain p
 typedef struct sbi_explicit_plan {
     sb_real margin; /* substeps are at most this share of the stable step */
     int interval;   /* substeps between looks, each of which costs as much as some ten forces */
-    double factor;  /* energy over that of the ledger that is taken for granted */
+    double factor;  /* energy over that of the monitor that is taken for granted */
 } sbi_explicit_plan;
 
 static const sbi_explicit_plan sbi_explicit_plans[SBI_EXPLICIT_CAUTION + 1] = {
@@ -41,7 +41,7 @@ typedef struct sbi_explicit {
     sb_body *body;
     sb_step_info *info;
     const sbi_explicit_plan *plan;
-    int last_resort;     /* 1: the energy at the start of the call counts, whatever the ledger says */
+    int last_resort;     /* 1: the energy at the start of the call counts, whatever the monitor says */
     double start_energy; /* then (J) */
     double springs;      /* energy of springs and mappings at the present shape (J) */
     sb_real dt, h;       /* the call's time and the last substep (s) */
@@ -190,7 +190,7 @@ static double sbi_explicit_swing(sb_body *b, sb_real h)
     return (double)h * (double)h / 4 * sbi_explicit_square(b, b->work);
 }
 
-/* Elastic energy (J) as the ledger has it: of bodies with Prony terms the long-term one; to open a ledger with, the
+/* Elastic energy (J) as the monitor has it: of bodies with Prony terms the long-term one; to open a monitor with, the
  * present one where that is more. Returns -1 or the first inadmissible cell. */
 static int sbi_explicit_elastic(sb_body *b, int opens, double *energy)
 {
@@ -218,7 +218,7 @@ static double sbi_explicit_remains(const sbi_explicit *x)
     return longest > 0 ? (double)sb_exp(-(sb_real)b->guard.age * x->h / longest) : 0;
 }
 
-/* Whether an energy agrees with the ledger; false for NaN and for more than numbers can hold. */
+/* Whether an energy agrees with the monitor; false for NaN and for more than numbers can hold. */
 static sb_result sbi_explicit_audit(const sbi_explicit *x, double energy)
 {
     const sb_body *b = x->body;
@@ -232,13 +232,13 @@ static sb_result sbi_explicit_audit(const sbi_explicit *x, double energy)
                     given);
 }
 
-/* Compares all energy with the ledger, takes what was lost off it, and finds the stable step of the present shape. */
+/* Compares all energy with the monitor, takes what was lost off it, and finds the stable step of the present shape. */
 static sb_result sbi_explicit_look(sbi_explicit *x)
 {
     sb_body *b = x->body;
     sb_step_info *info = x->info;
     double begin = sbi_explicit_now(b), kinetic = sbi_explicit_kinetic(b), energy = 0, lost;
-    int opens = !b->guard.ledger_open || (x->last_resort && info->substeps == 0);
+    int opens = !b->guard.monitor_open || (x->last_resort && info->substeps == 0);
     int bad = sbi_explicit_elastic(b, opens, &energy);
     sb_result result;
     if (bad >= 0)
@@ -248,7 +248,7 @@ static sb_result sbi_explicit_look(sbi_explicit *x)
     if (opens) {
         x->start_energy = energy;
         b->guard.energy = energy;
-        b->guard.ledger_open = 1;
+        b->guard.monitor_open = 1;
     }
     energy -= sbi_explicit_swing(b, x->h);
     energy = energy < kinetic ? kinetic : energy; /* forces of loads may make the difference too much; NaN stays */

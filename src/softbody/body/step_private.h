@@ -227,8 +227,8 @@ SBI_API void sbi_step_begin_info(sb_step_info *info);
 /* Keeps the state that sbi_step_restore gives back. */
 SBI_API void sbi_step_save(sb_body *body);
 SBI_API void sbi_step_restore(sb_body *body);
-/* Whether knotted cells get one rotation; forces that were made under the other rule are made anew. */
-SBI_API void sbi_step_watch_knots(sb_body *body, int unknots);
+/* Whether folded-over cells get one rotation; forces that were made under the other rule are made anew. */
+SBI_API void sbi_step_watch_folds(sb_body *body, int fold_fallback);
 /* Materials with Prony terms respond as over a step of dt from now on. */
 SBI_API void sbi_step_enter(sb_body *body, sb_real dt);
 /* The step of dt is done: their memory moves on. */

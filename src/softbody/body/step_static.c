@@ -221,7 +221,7 @@ SB_API sb_result sb_body_solve_static(sb_body *body, const sb_static_options *op
     step.forces_only = options->forces_only;
     step.touch = body->touch;
     sbi_step_save(body);
-    sbi_step_watch_knots(body, 0);
+    sbi_step_watch_folds(body, 0);
     sbi_step_enter(body, duration);
     sbi_static_choose(&step, options);
     result = sbi_static_run(&step, options);

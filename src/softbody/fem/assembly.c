@@ -161,14 +161,14 @@ SBI_FORCE_INLINE const sb_material *sbi_cell_shares(const sbi_assembly *assembly
 }
 
 /* Updates the rotations of a cell of corotated material. Returns 1 when all points share one: by choice (single), or
- * because the cell is knotted. */
+ * because the cell is folded over. */
 static int sbi_cell_rotate(const sbi_assembly *assembly, int e, const sb_vec3 *u, const sb_mat3 *f, int q, int scheme,
                            sb_quat *rotation)
 {
     if (scheme != SBI_CELL_SINGLE) {
         for (int p = 0; p < q; p++)
             rotation[p] = sb_m3_polar(f[p], rotation[p]);
-        return assembly->unknots && sbi_assembly_unknot(assembly, e, u, f, rotation);
+        return assembly->fold_fallback && sbi_assembly_fold_fallback(assembly, e, u, f, rotation);
     }
     rotation[0] =
         sb_m3_polar(sbi_assembly_mean_gradient(f, assembly->domain->weights + (size_t)e * (size_t)q, q), rotation[0]);

@@ -58,7 +58,7 @@ typedef struct sbi_assembly {
     const sb_vec3 *reference;   /* [node_count] (m) */
     const sbi_inner_rows *rows; /* what holds besides the cells, borrowed; or NULL */
     const sbi_glue *glue;       /* and what ties cells to each other */
-    int unknots;                /* 1: forces give a knotted cell one rotation. Only for linearised steps, which no
+    int fold_fallback;          /* 1: forces give a folded-over cell one rotation. Only for linearised steps, which no
                                  * energy watches: the rule makes it jump */
     const sb_vec3 *came_from; /* [node_count] displacements before the last increment, borrowed: exact tangents take the
                                * stress that was expected from there; NULL: the one that is */
@@ -210,10 +210,10 @@ SBI_API void sbi_assembly_forget_cell(sbi_assembly *assembly, int cell, const sb
 /* Mean deformation gradient of a cell with q points; the identity where it has no weight. */
 SBI_API sb_mat3 sbi_assembly_mean_gradient(const sb_mat3 *f, const sb_real *weights, int q);
 
-/* Gives a cell that is knotted at u one rotation for all its ordinary points; returns 1 then, else 0. f and rotation:
- * [points_per_cell] deformation gradients and what they turn by. */
-SBI_API int sbi_assembly_unknot(const sbi_assembly *assembly, int e, const sb_vec3 *u, const sb_mat3 *f,
-                                sb_quat *rotation);
+/* Gives a cell that is folded over at u one rotation for all its ordinary points; returns 1 then, else 0. f and
+ * rotation: [points_per_cell] deformation gradients and what they turn by. */
+SBI_API int sbi_assembly_fold_fallback(const sbi_assembly *assembly, int e, const sb_vec3 *u, const sb_mat3 *f,
+                                       sb_quat *rotation);
 
 /* Volume times the stress that all points of a cell with one rotation r, that of their mean gradient f, have besides
  * because the rotation turns with them: P : df is what a change df of f does to the cell's energy through r. moment:

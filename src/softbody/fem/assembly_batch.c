@@ -397,9 +397,10 @@ static void sbi_batch_straighten_point(const sb_real (*SB_RESTRICT r)[SB_POLAR_L
     }
 }
 
-/* One rotation for the cells of a tet10 batch that are knotted, and F as sbi_batch_straighten leaves it. */
-static void sbi_batch_unknot(const sbi_assembly *assembly, int batch, const sb_vec3 *u, sb_real (*f)[SB_POLAR_LANES],
-                             sb_real (*quats)[SB_POLAR_LANES], sb_real (*r)[SB_POLAR_LANES])
+/* One rotation for the cells of a tet10 batch that are folded over, and F as sbi_batch_straighten leaves it. */
+static void sbi_batch_fold_fallback(const sbi_assembly *assembly, int batch, const sb_vec3 *u,
+                                    sb_real (*f)[SB_POLAR_LANES], sb_real (*quats)[SB_POLAR_LANES],
+                                    sb_real (*r)[SB_POLAR_LANES])
 {
     for (int l = 0; l < SB_POLAR_LANES; l++) {
         sb_mat3 gradient[4], shared;
@@ -409,7 +410,7 @@ static void sbi_batch_unknot(const sbi_assembly *assembly, int batch, const sb_v
             for (int k = 0; k < 9; k++)
                 gradient[p].m[k / 3][k % 3] = f[9 * p + k][l];
         }
-        if (!sbi_assembly_unknot(assembly, sbi_batch_cell(assembly->domain, batch, l), u, gradient, rotation))
+        if (!sbi_assembly_fold_fallback(assembly, sbi_batch_cell(assembly->domain, batch, l), u, gradient, rotation))
             continue;
         shared = sb_quat_to_mat3(rotation[0]);
         for (int p = 0; p < 4; p++) {
@@ -431,14 +432,14 @@ static void sbi_batch_unknot(const sbi_assembly *assembly, int batch, const sb_v
 static void sbi_batch_rotate_points(sbi_assembly *assembly, int batch, const sb_vec3 *u, sb_real (*f)[SB_POLAR_LANES],
                                     sb_real (*r)[SB_POLAR_LANES])
 {
-    const sb_real may_be_twisted = (sb_real)0.51; /* sbi_assembly_unknot decides, at 0.5 */
+    const sb_real may_be_twisted = (sb_real)0.51; /* sbi_assembly_fold_fallback decides, at 0.5 */
     sbi_batch_rows quats[16];
     for (int p = 0; p < 4; p++) {
         sbi_batch_load_quats(assembly, batch, p, 4, quats + 4 * p);
         sb_polar_batch(f + 9 * p, quats + 4 * p, r + 9 * p);
     }
-    if (assembly->unknots && sbi_batch_least_cos(SBI_BATCH_ROWS(quats)) < may_be_twisted)
-        sbi_batch_unknot(assembly, batch, u, f, quats, r);
+    if (assembly->fold_fallback && sbi_batch_least_cos(SBI_BATCH_ROWS(quats)) < may_be_twisted)
+        sbi_batch_fold_fallback(assembly, batch, u, f, quats, r);
     for (int p = 0; p < 4; p++)
         sbi_batch_store_quats(assembly, batch, p, 4, SBI_BATCH_ROWS(quats + 4 * p));
 }

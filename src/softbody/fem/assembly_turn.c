@@ -73,10 +73,11 @@ static int sbi_cell_is_folded(const sbi_assembly *assembly, int e, const sb_vec3
     return 0;
 }
 
-/* A knot is a state into which violence drives quadratic elements: folded where no point sees it, the points so far
- * turned against each other that their forces balance. One rotation has one rest shape, so the cell comes undone. */
-SBI_API int sbi_assembly_unknot(const sbi_assembly *assembly, int e, const sb_vec3 *u, const sb_mat3 *f,
-                                sb_quat *rotation)
+/* A fold-over is a state into which violence drives quadratic elements: folded where no point sees it, the points so
+ * far turned against each other that their forces balance. One rotation has one rest shape, so the cell comes undone.
+ */
+SBI_API int sbi_assembly_fold_fallback(const sbi_assembly *assembly, int e, const sb_vec3 *u, const sb_mat3 *f,
+                                       sb_quat *rotation)
 {
     const sb_domain *domain = assembly->domain;
     int q = domain->points_per_cell, ordinary = q - domain->mean_points;

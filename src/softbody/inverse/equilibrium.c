@@ -206,7 +206,7 @@ SBI_API sb_result sbi_equilibrium_begin(sb_body *body, sb_real tolerance, sbi_eq
         return result;
     }
     sbi_step_save(body);
-    sbi_step_watch_knots(body, 0);
+    sbi_step_watch_folds(body, 0);
     sbi_step_enter(body, (sb_real)INFINITY);
     result = sbi_equilibrium_evaluate(eq);
     if (result == SB_OK)

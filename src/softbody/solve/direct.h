@@ -65,7 +65,7 @@ SBI_API sb_result sbi_direct_order(const sb_matrix *pattern, const sb_vec3 *posi
                                    int *order, sb_error *error);
 /* The entries of L as they are kept, and their number, which follows from the pattern and the order. */
 SBI_API sb_real *sbi_direct_values(sb_direct *direct, size_t *count);
-/* Whoever filled them says so. */
+/* Says that the caller has set the values. */
 SBI_API void sbi_direct_take_values(sb_direct *direct);
 #endif
 
