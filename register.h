@@ -8657,9 +8657,10 @@ static sb_result regi_nicp_node_rows(const int *nodes, int count, const sb_alloc
         return sbi_fail(error, SB_ERROR_MEMORY, "no memory for %d rows of weights", count);
     for (int i = 0; i <= count; i++)
         rows->start[i] = i;
-    memcpy(rows->nodes, nodes, size * sizeof(int));
-    for (int i = 0; i < count; i++)
+    for (int i = 0; i < count; i++) {
+        rows->nodes[i] = nodes[i];
         rows->weights[i] = 1;
+    }
     rows->mapping.row_count = count;
     rows->mapping.row_start = rows->start;
     rows->mapping.nodes = rows->nodes;

@@ -132,7 +132,7 @@ static int step_watched(flat_scene *s, flat_watch *watch)
         watch->fastest = fmax(watch->fastest, (double)sb_v3_norm(sb_body_velocities(body)[k]));
         watch->farthest = fmax(watch->farthest, (double)(sb_v3_norm(way) / block_size.x));
     }
-    watch->made = fmax(watch->made, (energy_of(body) - energy) / (mass * s->speed * s->speed));
+    watch->made = fmax(watch->made, (energy_of(body) - energy) / (mass * (double)s->speed * (double)s->speed));
     return 1;
 }
 
