@@ -35,7 +35,7 @@ static sb_result sbi_step_lumped_acceleration(sbi_step *step)
  * have no bound, damping in proportion to stiffness makes them larger still, and generalised alpha, which forgets them
  * over steps, throws a crumb as far as they say: 450 m from a block of 6 cm (tests/test_cut_flat.c). So pieces take
  * those that an implicit step would: as good to second order, and the same where nothing is strained. */
-static sb_real sbi_step_calm(const sbi_step *step)
+static sb_real sbi_step_tangent_share(const sbi_step *step)
 {
     const sb_body *b = step->body;
     if (!b->live || !b->live->piece_count || b->integrator != SB_GENERALISED_ALPHA)
@@ -50,10 +50,10 @@ static void sbi_step_scale_matrix(sb_body *b, sb_real factor)
             b->matrix.blocks[k][c] *= factor;
 }
 
-/* M a = -residual, or (M + calm K) a, K being in the matrix. Guests are asked for what they do in a time that is next
- * to nothing, in which the unknown d stands for the acceleration ca d: as good as their forces and masses at the start.
- * Pushes count as over a step of it. */
-static sb_result sbi_step_solve_acceleration(sbi_step *start, sb_real calm)
+/* M a = -residual, or (M + tangent_share K) a, K being in the matrix. Guests are asked for what they do in a time that
+ * is next to nothing, in which the unknown d stands for the acceleration ca d: as good as their forces and masses at
+ * the start. Pushes count as over a step of it. */
+static sb_result sbi_step_solve_acceleration(sbi_step *start, sb_real tangent_share)
 {
     const sb_real instants = 1000; /* in a step: what a guest holds with a spring then counts a millionth */
     sb_body *b = start->body;
@@ -65,8 +65,8 @@ static sb_result sbi_step_solve_acceleration(sbi_step *start, sb_real calm)
         start->starts = 1;
     }
     sbi_kept_spoil(b);
-    if (calm > 0)
-        sbi_step_scale_matrix(b, calm * unit);
+    if (tangent_share > 0)
+        sbi_step_scale_matrix(b, tangent_share * unit);
     else
         sb_matrix_clear(&b->matrix);
     sbi_body_add_mass(b, unit);
@@ -88,7 +88,7 @@ SBI_API sb_result sbi_step_initial_acceleration(sbi_step *step)
     sb_result result = sbi_step_force(step);
     sbi_step start = *step;
     int n = b->domain.node_count;
-    sb_real calm = sbi_step_calm(step);
+    sb_real tangent_share = sbi_step_tangent_share(step);
     if (result != SB_OK)
         return result;
     start.cv = start.ca = 0;
@@ -97,12 +97,12 @@ SBI_API sb_result sbi_step_initial_acceleration(sbi_step *step)
     memcpy(b->velocity0, b->velocity, (size_t)n * sizeof(sb_vec3));
     memset(b->acceleration0, 0, (size_t)n * sizeof(sb_vec3));
     start.has_velocity = 1;
-    if (!start.lagged_damping || calm > 0)
+    if (!start.lagged_damping || tangent_share > 0)
         sbi_step_tangent(&start, SB_TANGENT_QUASI);
     sbi_step_residual(&start);
     start.dynamic = 0;
     start.load_factor = 0;
-    result = sbi_step_solve_acceleration(&start, calm);
+    result = sbi_step_solve_acceleration(&start, tangent_share);
     if (result != SB_ERROR_INDEFINITE || b->mass_kind != SB_MASS_REDUCED)
         return result;
     if (b->elimination)
