@@ -1553,6 +1553,7 @@ public unsafe struct sb_contact_info
     public int capped;
     public int thinned;
     public int mended;
+    public int inside;
     public double deepest;
     public double residual;
     public double lag;
@@ -4817,8 +4818,10 @@ public static unsafe class Native
     public static extern void sb_contact_destroy(sb_contact* contact);
     /// <summary>
     /// Makes a tool; *tool is its number, the lowest that is free. What sbi_tool_create refuses; SB_ERROR_ARGUMENT: it
-    /// overlaps the body by more than half its inner radius (error-&gt;element: the cell of the deepest face), or max_tools are
-    /// there; SB_ERROR_UNSUPPORTED: so thin that the faces would need too many samples (needle.h is for such).
+    /// overlaps the body by more than half its inner radius (error-&gt;element: the cell of the deepest face), or lies inside
+    /// the body, however small it is and whether or not it touches a face (error-&gt;element: the cell of a face near it; of a
+    /// skin that is open: where lines along all axes of space leave it), or max_tools are there; SB_ERROR_UNSUPPORTED: so
+    /// thin that the faces would need too many samples (needle.h is for such).
     /// </summary>
     [DllImport(Library, CallingConvention = CallingConvention.Cdecl)]
     public static extern sb_result sb_contact_add_tool(sb_contact* contact, sb_tool_def* def, int* tool, sb_error* error);
@@ -4834,7 +4837,8 @@ public static unsafe class Native
     [DllImport(Library, CallingConvention = CallingConvention.Cdecl)]
     public static extern sb_result sb_contact_move_tool(sb_contact* contact, int tool, sb_pose* pose);
     /// <summary>
-    /// At once, without a way, and with its contacts forgotten. SB_ERROR_ARGUMENT: too deep in the body, as at creation.
+    /// At once, without a way, and with its contacts forgotten. SB_ERROR_ARGUMENT: too deep in the body or inside it, as at
+    /// creation.
     /// </summary>
     [DllImport(Library, CallingConvention = CallingConvention.Cdecl)]
     public static extern sb_result sb_contact_place_tool(sb_contact* contact, int tool, sb_pose* pose, sb_error* error);

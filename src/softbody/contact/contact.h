@@ -127,15 +127,18 @@ SB_API void sb_contact_destroy(sb_contact *contact); /* NULL is fine */
 /* ---- tools ---- */
 
 /* Makes a tool; *tool is its number, the lowest that is free. What sbi_tool_create refuses; SB_ERROR_ARGUMENT: it
- * overlaps the body by more than half its inner radius (error->element: the cell of the deepest face), or max_tools are
- * there; SB_ERROR_UNSUPPORTED: so thin that the faces would need too many samples (needle.h is for such). */
+ * overlaps the body by more than half its inner radius (error->element: the cell of the deepest face), or lies inside
+ * the body, however small it is and whether or not it touches a face (error->element: the cell of a face near it; of a
+ * skin that is open: where lines along all axes of space leave it), or max_tools are there; SB_ERROR_UNSUPPORTED: so
+ * thin that the faces would need too many samples (needle.h is for such). */
 SB_API sb_result sb_contact_add_tool(sb_contact *contact, const sb_tool_def *def, int *tool, sb_error *error);
 /* In all calls below SB_ERROR_ARGUMENT: no contact; SB_ERROR_INDEX: no such tool; SB_ERROR_NOT_FINITE: a number that is
  * none. Nothing changes then. */
 SB_API sb_result sb_contact_remove_tool(sb_contact *contact, int tool);
 /* Where it is to be at the end of the next step. */
 SB_API sb_result sb_contact_move_tool(sb_contact *contact, int tool, const sb_pose *pose);
-/* At once, without a way, and with its contacts forgotten. SB_ERROR_ARGUMENT: too deep in the body, as at creation. */
+/* At once, without a way, and with its contacts forgotten. SB_ERROR_ARGUMENT: too deep in the body or inside it, as at
+ * creation. */
 SB_API sb_result sb_contact_place_tool(sb_contact *contact, int tool, const sb_pose *pose, sb_error *error);
 /* Capsules: the chain at the end of the next step, points[as many as the def had] (m, in the tool's frame). */
 SB_API sb_result sb_contact_bend_tool(sb_contact *contact, int tool, const sb_vec3 *points);
@@ -206,6 +209,9 @@ typedef struct sb_contact_info {
     int capped;     /* 1: max_iterations ended the iteration; `residual` says how good it is */
     int thinned;    /* 1: faces had fewer samples than their size asks for */
     int mended; /* 1: organs would have passed through each other, or a tool, in the shortest part of a divided step */
+    int inside; /* tools that the body surrounded where the step began, whether or not they touched its surface: it was
+                 * put over them (sb_body_set_displacements), for none is made or placed there. They feel what touches
+                 * them, if anything does, and are not led out: place them outside */
     sb_real deepest;  /* m, overlap */
     sb_real residual; /* of contact's forces, of the largest force */
     sb_real lag;      /* m, largest of all tools' */

@@ -348,6 +348,12 @@ SBI_API int sbi_pairs_parts(const sb_contact *contact, int face, int thin);
 SBI_API int sbi_pairs_is_within(sb_contact *contact, int organ, sb_vec3 at, const sb_vec3 *x, const sb_vec3 *way);
 /* 1 when it is within any organ but this one, with nodes at x. */
 SBI_API int sbi_pairs_is_within_others(sb_contact *contact, int organ, sb_vec3 at, const sb_vec3 *x);
+/* A face near a point that the surface surrounds, and how far off it is along an axis (m); -1: it does not. Of a skin
+ * that is open: where lines along all axes leave it. Nodes are at contact->x, and the faces' boxes hold them there.
+ * Writes contact->scratch. Of a tool: its skeleton is surrounded. */
+SBI_API int sbi_contact_surrounds(sb_contact *contact, sb_vec3 at, sb_real *distance);
+SBI_API int sbi_contact_surrounds_tool(sb_contact *contact, const sbi_tool *shape, const sb_vec3 *chain,
+                                       const sb_pose *pose, sb_real *distance);
 
 /* ---- contact_apart.c ---- */
 /* How deep (m) a point may lie behind a face at the end of a step. */

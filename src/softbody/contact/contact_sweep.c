@@ -244,6 +244,19 @@ static void sbi_sweep_find_places(sb_contact *contact, const sbi_touch_step *ste
     contact->x = contact->places;
 }
 
+/* Tools inside the body: nothing that they do brings them there, but the body may be put over them. */
+static int sbi_sweep_count_inside(sb_contact *contact)
+{
+    int count = 0;
+    for (int i = 0; i < contact->max_tools; i++) {
+        const sbi_contact_tool *tool = contact->tools + i;
+        sb_real distance;
+        count += tool->shape &&
+                 sbi_contact_surrounds_tool(contact, tool->shape, tool->chain_reached, &tool->reached, &distance) >= 0;
+    }
+    return count;
+}
+
 /* A tool near faces that a static increment would take farther than by half of its inner radius; -1: none. */
 static int sbi_sweep_overreaches(const sb_contact *contact)
 {
@@ -261,6 +274,7 @@ SBI_API sb_result sbi_contact_sweep(sb_contact *contact, const sbi_touch_step *s
     int far;
     sbi_sweep_find_places(contact, step);
     sbi_contact_faces_refit(contact->faces, contact->x, step->velocity, step->dt);
+    contact->step_info.inside = sbi_sweep_count_inside(contact);
     for (int i = 0; i < contact->max_tools; i++)
         if (contact->tools[i].shape)
             sbi_sweep_tool(contact, i, step);

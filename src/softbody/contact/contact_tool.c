@@ -56,17 +56,22 @@ static sb_result sbi_contact_check_thickness(sb_contact *contact, const sbi_tool
 static sb_result sbi_contact_check_depth(sb_contact *contact, const sbi_tool *shape, const sb_vec3 *chain,
                                          const sb_pose *pose, sb_error *error)
 {
-    int element;
+    int element, face;
     sb_real depth;
     sb_result result = sbi_contact_update_faces(contact, error);
     if (result != SB_OK)
         return result;
     depth = sbi_contact_depth(contact, shape, chain, pose, &element);
-    if (!(depth > (sb_real)0.5 * sbi_tool_inner_radius(shape)))
+    if (depth > (sb_real)0.5 * sbi_tool_inner_radius(shape))
+        return sbi_fail_element(error, SB_ERROR_ARGUMENT, element,
+                                "the tool lies %g m deep in the body at element %d: more than half its inner radius",
+                                (double)depth, element);
+    face = sbi_contact_surrounds_tool(contact, shape, chain, pose, &depth);
+    if (face < 0)
         return SB_OK;
-    return sbi_fail_element(error, SB_ERROR_ARGUMENT, element,
-                            "the tool lies %g m deep in the body at element %d: more than half its inner radius",
-                            (double)depth, element);
+    return sbi_fail_element(error, SB_ERROR_ARGUMENT, contact->faces->elements[face],
+                            "the tool lies inside the body: it is %g m from there to the face of element %d",
+                            (double)depth, contact->faces->elements[face]);
 }
 
 static sb_result sbi_contact_make_tool(sb_contact *contact, const sb_tool_def *def, sbi_contact_tool *made,
