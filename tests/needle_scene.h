@@ -20,6 +20,7 @@ typedef struct needle_scene {
     sb_element_type type; /* of its elements */
     needle_scene_material materials[2];
     const sb_material *other; /* of all of it in place of `materials`, or NULL */
+    const sb_mesh *beside;    /* another organ, of such elements, placed as the block is; NULL: none */
     sb_body_def body_def;
     ndl_friction frictions[2];
     ndl_needle_def needle_def; /* base above the middle of the top */
@@ -135,6 +136,8 @@ static inline int needle_scene_make_body(needle_scene *s)
     sb_region_material lower;
     int *fixed, count;
     s->mesh = scene_box(s->type, s->cells[0], s->cells[1], s->cells[2], s->size, s->shake);
+    if (s->beside)
+        CHECK_OK(sb_mesh_append(&s->mesh, s->beside, NULL));
     if (s->layered && !s->mesh.regions)
         s->mesh.regions = (int *)malloc((size_t)s->mesh.element_count * sizeof(int)); /* freed as the others are */
     fixed = (int *)malloc((size_t)s->mesh.node_count * sizeof(int));
