@@ -52,14 +52,16 @@ static const double SLEEVE = 0.080, STANDOFF = 0.035; /* m before the skin at re
 static const double APPROACH = 1, REST = 0.5;         /* s: the sleeve goes to its place; the needle waits */
 static const double PROBE = 0.008, ASIDE = 0.025;     /* m: the probe's radius; from the needle's way */
 static const double DESCENT = 0.05, CREEP = 0.005;    /* m/s of the probe: through the air; while it presses */
-static const double BESIDE = 0.030, WIDTH = 0.050;    /* m: the cut's mouth from the needle; its length */
-static const double BEYOND = 0.010, BELOW = 0.016;    /* m: its end, on the needle's other side; under the skin */
-static const double OUTSIDE = 0.4;                    /* of the blade's way lies before the skin */
-static const double CUTTING = 0.6, LIFTING = 0.5;     /* s: the blade goes in; the flap goes up */
+/* The cut: in a mesh whose longest edge is longer than FINEST it is as much larger. */
+static const double FINEST = 0.030;                /* m: longest edge */
+static const double BESIDE = 0.030, WIDTH = 0.050; /* m: where the way begins, from the needle; its width */
+static const double BEYOND = 0.010, BELOW = 0.016; /* m: its end, on the needle's other side; under the skin */
+static const double OUTSIDE = 0.4;                 /* of the blade's way lies before that beginning */
+static const double CUTTING = 0.6, LIFTING = 0.5;  /* s: the blade goes in; the flap goes up */
 static const double GRIP = 0.008,
-                    ROOM = 0.010; /* m from the mouth to the grasper; it lifts the retractor's height and this */
+                    ROOM = 0.010; /* m from the cut's mouth to the grasper; it lifts the retractor's height and this */
 static const double RETRACTOR = 0.005, BROAD = 0.020; /* m: the retractor's radius; its length */
-static const double UNDER = 0.75;                     /* of the way from the mouth to the needle: where it stays */
+static const double BEFORE = 0.72, UNDER = 0.75;      /* of the way: before the mouth; from there to the needle's */
 static const double CLEAR = 0.002, RISE = 0.006;      /* m from the blade's way while it goes in; it rises then */
 static const double SLIDING = 1.0, SETTLING = 0.6;    /* s: it goes in; the grasper has let go */
 
@@ -69,7 +71,7 @@ typedef struct settings {
     int cells, steps, help;
 } settings;
 
-enum { MOST_GRIPPED = 64 };
+enum { LEAST_GRIPPED = 3, MOST_GRIPPED = 64 };
 
 /* What is marked in the organ: the target, where the needle goes in, and its way on both sides of the cut. */
 typedef enum place { TARGET = 0, ENTRY = 1, OVER_CUT = 2, UNDER_CUT = 3, PLACES = 4 } place;
@@ -79,8 +81,8 @@ typedef struct scene {
     sb_body *body;
     ndl_needle *needle;
     sb_contact *contact;
-    int probe, retractor; /* its tools */
-    double thickness;     /* m: the retractor's radius */
+    int probe, retractor;    /* its tools */
+    double round, thickness; /* m: their radii */
     sb_cut *cut;
     sb_cut_surface *surface;            /* skin and lips: what the tools touch */
     int stroke;                         /* of the blade; -1: none */
@@ -100,6 +102,8 @@ typedef struct work {
     sb_vec3 target, direction;     /* m in the organ at rest; unit vector of the needle */
     sb_vec3 entry;                 /* m, on the skin at rest */
     sb_vec3 outward, aside, along; /* unit: out of the skin there, to the cut's mouth, and along that */
+    double longest, size;          /* m: edge of the organ; the cut's size, of the usual */
+    double mouth;                  /* share of the blade's way at which it goes through the skin */
     scene main, second, third;
     sb_embedding *embedding; /* of the fine skin; follows the first scene */
     sb_recording *recording;
@@ -252,6 +256,19 @@ static sb_vec3 choose_target(const work *w, const sb_surface *skin, double size)
     return best;
 }
 
+static double longest_edge(const sb_mesh *mesh)
+{
+    double longest = 0;
+    for (int e = 0; e < mesh->element_count; e++)
+        for (int k = 0; k < 6; k++) {
+            const int *n = mesh->elements + 4 * (size_t)e;
+            int ends[3];
+            sb_element_edge(SB_TET4, k, ends);
+            longest = fmax(longest, (double)sb_v3_norm(sb_v3_sub(mesh->nodes[n[ends[0]]], mesh->nodes[n[ends[1]]])));
+        }
+    return longest;
+}
+
 /* Which way the skin looks about the entry, over as much of it as the flap has; the mouth of the cut lies to the side
  * of x of it. */
 static void find_directions(work *w)
@@ -260,7 +277,7 @@ static void find_directions(work *w)
     for (int f = 0; f < w->skin.element_count; f++) {
         const int *n = w->skin.elements + 3 * (size_t)f;
         sb_vec3 a = w->skin.nodes[n[0]], b = w->skin.nodes[n[1]], c = w->skin.nodes[n[2]];
-        if ((double)sb_v3_norm(sb_v3_sub(a, w->entry)) < BESIDE)
+        if ((double)sb_v3_norm(sb_v3_sub(a, w->entry)) < w->size * BESIDE)
             sum = sb_v3_add(sum, sb_v3_cross(sb_v3_sub(b, a), sb_v3_sub(c, a)));
     }
     w->outward = sb_v3_norm(sum) > 0 ? sb_v3_scale(1 / sb_v3_norm(sum), sum) : sb_v3(0, 0, 1);
@@ -268,6 +285,48 @@ static void find_directions(work *w)
     side = sb_v3_madd(side, -sb_v3_dot(side, w->outward), w->outward);
     w->aside = sb_v3_scale(1 / sb_v3_norm(side), side);
     w->along = sb_v3_cross(w->outward, w->aside);
+}
+
+/* A place on the blade's way beside an entry: it begins over the skin (share -OUTSIDE), goes in at the cut's mouth,
+ * crosses the needle and ends on its other side (1). */
+static sb_vec3 on_way(const work *w, sb_vec3 entry, double share)
+{
+    double aside = BESIDE - share * (BESIDE + BEYOND), down = share * BELOW;
+    return sb_v3_madd(sb_v3_madd(entry, REAL(w->size * aside), w->aside), REAL(-w->size * down), w->outward);
+}
+
+/* Of the blade's way: where it crosses the needle's. */
+static double share_of_needle(void) { return BESIDE / (BESIDE + BEYOND); }
+
+/* 1: a place is of the flap over the blade's way beside an entry. */
+static int is_of_flap(const work *w, sb_vec3 entry, sb_vec3 x)
+{
+    sb_vec3 from = sb_v3_sub(x, on_way(w, entry, 0));
+    double aside = (double)sb_v3_dot(from, w->aside) / w->size, out = (double)sb_v3_dot(from, w->outward) / w->size;
+    return out * (BESIDE + BEYOND) > aside * BELOW && aside > -BESIDE &&
+           fabs((double)sb_v3_dot(from, w->along)) < 0.4 * w->size * WIDTH;
+}
+
+/* Where the blade will go through the skin; and whether the flap has nodes to be held at, and is one at all. */
+static int find_mouth(work *w, const sb_surface *skin)
+{
+    sb_vec3 from = on_way(w, w->entry, -OUTSIDE), way = sb_v3_sub(on_way(w, w->entry, 1), from);
+    double length = (double)sb_v3_norm(way);
+    int nodes = 0, found;
+    sb_surface_hit hit;
+    char words[200];
+    found = sb_surface_ray(skin, from, sb_v3_scale(REAL(1 / length), way), REAL(length), &hit);
+    w->mouth = found ? (double)sb_v3_norm(sb_v3_sub(hit.point, from)) / length * (1 + OUTSIDE) - OUTSIDE : 1;
+    for (int i = 0; i < w->organ.node_count; i++)
+        nodes += is_of_flap(w, w->entry, w->organ.nodes[i]);
+    if (w->mouth < 0.8 * share_of_needle() && nodes >= LEAST_GRIPPED)
+        return 0;
+    snprintf(words, sizeof words,
+             "a flap beside the needle would have %d nodes of the mesh on %.0f mm of length; %d nodes and %.0f mm are "
+             "needed (%s)",
+             nodes, 1e3 * w->size * fmax(0, BESIDE - w->mouth * (BESIDE + BEYOND)), (int)LEAST_GRIPPED,
+             1e3 * w->size * 0.2 * BESIDE, w->set->mesh ? "a finer or a larger organ" : "more --cells");
+    return complain(EXIT_USAGE, w->set->mesh, words);
 }
 
 /* A target, and a way to it from above that no edges of the mesh run along. */
@@ -278,7 +337,7 @@ static int choose_way(work *w)
     sb_error error;
     sb_vec3 low, high, from;
     double size;
-    int found;
+    int status;
     sb_mesh_bounds(&w->organ, &low, &high);
     size = (double)sb_v3_norm(sb_v3_sub(high, low));
     if (size < 0.05 || size > 1)
@@ -287,13 +346,19 @@ static int choose_way(work *w)
     w->direction = sb_v3_scale(1 / sb_v3_norm(w->direction), w->direction);
     if (sb_surface_create(&w->skin, NULL, &skin, &error) != SB_OK)
         return complain_of(EXIT_SOLVE, w->set->skin, &error);
+    w->longest = longest_edge(&w->organ);
+    w->size = fmax(1, w->longest / FINEST);
     w->target = choose_target(w, skin, size);
     from = sb_v3_madd(w->target, REAL(-2 * size), w->direction);
-    found = sb_surface_ray(skin, from, w->direction, SB_REAL_MAX, &hit);
-    w->entry = hit.point;
+    if (sb_surface_ray(skin, from, w->direction, SB_REAL_MAX, &hit)) {
+        w->entry = hit.point;
+        find_directions(w);
+        status = find_mouth(w, skin);
+    } else {
+        status = complain(EXIT_USAGE, w->set->skin, "there is no skin above the target");
+    }
     sb_surface_destroy(skin);
-    find_directions(w);
-    return found ? 0 : complain(EXIT_USAGE, w->set->skin, "there is no skin above the target");
+    return status;
 }
 
 /* ---- scenes ---------------------------------------------------------------------------------------------------- */
@@ -331,8 +396,8 @@ static sb_result mark_places(const work *w, scene *s, sb_error *error)
     sb_result result;
     places[TARGET] = w->target;
     places[ENTRY] = w->entry;
-    places[OVER_CUT] = sb_v3_madd(w->entry, REAL(0.4 * BELOW), w->direction);
-    places[UNDER_CUT] = sb_v3_madd(w->entry, REAL(1.2 * BELOW), w->direction);
+    places[OVER_CUT] = sb_v3_madd(w->entry, REAL(0.4 * w->size * BELOW), w->direction);
+    places[UNDER_CUT] = sb_v3_madd(w->entry, REAL(1.2 * w->size * BELOW), w->direction);
     def.mesh = &w->organ;
     def.points = places;
     def.point_count = PLACES;
@@ -362,47 +427,37 @@ static sb_result make_needle(const work *w, scene *s, sb_error *error)
     return ndl_needle_create(&def, &s->needle, error);
 }
 
+/* A radius that the organ's faces feel. */
+static double felt_radius(const work *w, double radius) { return fmax(radius, w->longest / 6); }
+
 /* The probe waits above the organ, beside the needle's way. */
 static sb_result make_probe(const work *w, scene *s, sb_error *error)
 {
     sb_tool_def probe = sb_default_tool_def();
     sb_vec3 low, high;
     sb_mesh_bounds(&w->organ, &low, &high);
-    probe.radius = REAL(PROBE);
+    s->round = felt_radius(w, PROBE);
+    probe.radius = REAL(s->round);
     probe.friction = REAL(0.2);
     probe.pose.position = sb_v3(w->entry.x, w->entry.y - REAL(ASIDE), high.z + REAL(STANDOFF));
     return sb_contact_add_tool(s->contact, &probe, &s->probe, error);
 }
 
-static double longest_edge(const sb_mesh *mesh)
-{
-    double longest = 0;
-    for (int e = 0; e < mesh->element_count; e++)
-        for (int k = 0; k < 6; k++) {
-            const int *n = mesh->elements + 4 * (size_t)e;
-            int ends[3];
-            sb_element_edge(SB_TET4, k, ends);
-            longest = fmax(longest, (double)sb_v3_norm(sb_v3_sub(mesh->nodes[n[ends[0]]], mesh->nodes[n[ends[1]]])));
-        }
-    return longest;
-}
-
-/* The retractor, a round bar along the cut, waits above the organ on the cut's side of the needle. It is thicker where
- * the organ's faces are too large to feel one so thin. */
+/* The retractor, a round bar along the cut, waits above the organ on the cut's side of the needle. */
 static sb_result make_retractor(const work *w, scene *s, sb_error *error)
 {
     sb_tool_def bar = sb_default_tool_def();
     sb_vec3 low, high, ends[2];
     sb_mesh_bounds(&w->organ, &low, &high);
     for (int k = 0; k < 2; k++)
-        ends[k] = sb_v3_scale(REAL((k - 0.5) * BROAD), w->along);
+        ends[k] = sb_v3_scale(REAL((k - 0.5) * w->size * BROAD), w->along);
     bar.shape = SB_TOOL_CAPSULES;
     bar.points = ends;
     bar.point_count = 2;
-    s->thickness = fmax(RETRACTOR, longest_edge(&w->organ) / 6);
+    s->thickness = felt_radius(w, RETRACTOR);
     bar.radius = REAL(s->thickness);
     bar.friction = REAL(0.4);
-    bar.pose.position = sb_v3(w->entry.x + REAL(2 * BESIDE), w->entry.y, high.z + REAL(STANDOFF));
+    bar.pose.position = sb_v3(w->entry.x + REAL(2 * w->size * BESIDE), w->entry.y, high.z + REAL(STANDOFF));
     return sb_contact_add_tool(s->contact, &bar, &s->retractor, error);
 }
 
@@ -791,19 +846,12 @@ static void move_probe(const work *w, const scene *s, int step)
 
 /* ---- the blade, the grasper and the retractor ------------------------------------------------------------------- */
 
-/* A place on the blade's way, which begins over the skin (share -OUTSIDE), goes in at the cut's mouth (0), crosses the
- * needle and ends on its other side (1). */
-static sb_vec3 on_way(const work *w, const scene *s, double share)
-{
-    return sb_v3_madd(sb_v3_madd(s->skin, REAL(BESIDE - share * (BESIDE + BEYOND)), w->aside), REAL(-share * BELOW),
-                      w->outward);
-}
-
 /* The blade's edge at a share of its whole way. */
 static void blade_at(const work *w, const scene *s, double share, sb_vec3 edge[2])
 {
     for (int k = 0; k < 2; k++)
-        edge[k] = sb_v3_madd(on_way(w, s, -OUTSIDE + share * (1 + OUTSIDE)), REAL((k - 0.5) * WIDTH), w->along);
+        edge[k] = sb_v3_madd(on_way(w, s->skin, -OUTSIDE + share * (1 + OUTSIDE)), REAL((k - 0.5) * w->size * WIDTH),
+                             w->along);
 }
 
 static int begin_cut(const work *w, scene *s)
@@ -831,30 +879,31 @@ static int move_blade(const work *w, scene *s, double share)
     return 0;
 }
 
-/* 1: a place lies over the blade's way. */
-static int is_over_way(const work *w, const scene *s, sb_vec3 x)
+/* Nodes of the flap within a distance of a place, for the grasper to hold. A number that the mesh has means the
+ * material that was there; copies that the cut made belong to the other side. */
+static void grip_within(const work *w, scene *s, sb_vec3 at, double radius)
 {
-    sb_vec3 from = sb_v3_sub(x, on_way(w, s, 0));
-    return (double)sb_v3_dot(from, w->outward) * (BESIDE + BEYOND) > (double)sb_v3_dot(from, w->aside) * BELOW;
+    const sb_vec3 *x = sb_body_positions(s->body);
+    s->grip_count = 0;
+    for (int i = 0; i < w->organ.node_count && s->grip_count < MOST_GRIPPED; i++)
+        if (sb_body_node_in_use(s->body, i) && is_of_flap(w, s->skin, x[i]) &&
+            (double)sb_v3_norm(sb_v3_sub(x[i], at)) < radius) {
+            s->grip[s->grip_count] = i;
+            s->grip_at[s->grip_count++] = x[i];
+        }
 }
 
-/* The grasper closes on nodes of the flap at its edge: three at least, and those that are not much farther. A number
- * that the mesh has means the material that was there; copies that the cut made belong to the other side. */
-static void close_grasper(const work *w, scene *s)
+/* The grasper closes at the flap's edge on three nodes at least, and those that are not much farther. */
+static int close_grasper(const work *w, scene *s)
 {
-    sb_vec3 at = sb_v3_madd(on_way(w, s, 0), REAL(-GRIP), w->aside);
-    const sb_vec3 *x = sb_body_positions(s->body);
+    sb_vec3 at = sb_v3_madd(on_way(w, s->skin, w->mouth), REAL(-w->size * GRIP), w->aside);
+    double reach = w->size * (BESIDE + WIDTH);
     sb_cut_end(s->cut, s->stroke);
     s->stroke = -1;
-    for (double radius = 0.004; s->grip_count < 3; radius *= 1.3) {
-        s->grip_count = 0;
-        for (int i = 0; i < w->organ.node_count && s->grip_count < MOST_GRIPPED; i++)
-            if (sb_body_node_in_use(s->body, i) && is_over_way(w, s, x[i]) &&
-                (double)sb_v3_norm(sb_v3_sub(x[i], at)) < radius) {
-                s->grip[s->grip_count] = i;
-                s->grip_at[s->grip_count++] = x[i];
-            }
-    }
+    for (double radius = 0.004 * w->size; s->grip_count < LEAST_GRIPPED && radius < 2 * reach; radius *= 1.3)
+        grip_within(w, s, at, radius);
+    return s->grip_count >= LEAST_GRIPPED ? 0
+                                          : complain(EXIT_SOLVE, "the grasper", "finds no flap: it was pressed away");
 }
 
 static int lift_flap(const work *w, scene *s, double share)
@@ -881,8 +930,9 @@ static int open_grasper(scene *s)
  * height that it rises by there. */
 static sb_vec3 retractor_at(const work *w, const scene *s, double in, double up)
 {
-    double before = -1.8 * OUTSIDE, under = UNDER * BESIDE / (BESIDE + BEYOND);
-    return sb_v3_madd(on_way(w, s, before + in * (under - before)), REAL(s->thickness + CLEAR + up * RISE), w->outward);
+    double before = w->mouth - BEFORE, under = w->mouth + UNDER * (share_of_needle() - w->mouth);
+    return sb_v3_madd(on_way(w, s->skin, before + in * (under - before)), REAL(s->thickness + CLEAR + up * RISE),
+                      w->outward);
 }
 
 /* While the flap is lifted the retractor comes down before the cut's mouth; then it goes in, and rises where the
@@ -919,8 +969,8 @@ static int open_organ(const work *w, scene *s, int step)
         status = begin_cut(w, s);
     if (!status && cut >= 0 && lift < 0)
         status = move_blade(w, s, (cut + 1.0) / w->cut_steps);
-    if (lift == 0)
-        close_grasper(w, s);
+    if (!status && lift == 0)
+        status = close_grasper(w, s);
     if (!status && lift >= 0 && lift < w->lift_steps)
         status = lift_flap(w, s, (lift + 1.0) / w->lift_steps);
     if (!status && step == steps_to_under(w))
@@ -1076,9 +1126,9 @@ static int draw_picture(work *w)
         for (int i = 0; i + 1 < ndl_rod_node_count(rod); i++)
             picture_add_capsule(&p, x[i], x[i + 1], 0.0012, picture_web(i == 0 ? 0x3d4854 : 0x9aa5b1));
         picture_add_capsule(&p, target, target, 0.003, picture_web(0xd62728));
-        picture_add_capsule(&p, probe.position, probe.position, PROBE, picture_web(0x9aa5b1));
-        picture_add_capsule(&p, sb_v3_madd(bar.position, REAL(-0.5 * BROAD), w->along),
-                            sb_v3_madd(bar.position, REAL(0.5 * BROAD), w->along), w->main.thickness,
+        picture_add_capsule(&p, probe.position, probe.position, w->main.round, picture_web(0x9aa5b1));
+        picture_add_capsule(&p, sb_v3_madd(bar.position, REAL(-0.5 * w->size * BROAD), w->along),
+                            sb_v3_madd(bar.position, REAL(0.5 * w->size * BROAD), w->along), w->main.thickness,
                             picture_web(0x3d4854));
         picture_render(&p, w->set->azimuth, w->set->elevation);
         picture_colour_bar(&p, "displacement", "mm", 0, most, most);

@@ -96,8 +96,9 @@
  *   what is cut, and go into it.
  * - Glue is looked at along a line of half an element to either side: another blade that goes by as near releases it,
  *   too. A part that hangs by one or two glued triangles swings on them: static solves may not converge. Where a blade
- *   goes exactly along the boundary, it may part a film without volume, whose nodes have no material and stand still:
- *   glue to it holds nothing. With parts so far apart that each has a box of its own, glue of pieces without volume may
+ *   goes exactly along nodes, it may part a film without volume, whose nodes have no material and stand still: glue to
+ *   it holds nothing, and it is drawn with what it lies on. With least_piece > 0 films that are parts of their own are
+ *   taken out. With parts so far apart that each has a box of its own, glue of pieces without volume may
  *   stay.
  * - Parts of the mesh that hang together at an edge or a node alone come apart there where an element of that node is
  *   cut.
@@ -128,8 +129,8 @@ typedef struct sb_cut_def {
     sb_real toughness; /* J_c, the work that freeing lips takes (J/m^2 = N/m), >= 0; default 0: blades feel nothing of
                         * it. Porcine liver 76 to 225, aorta 290, chicken skin 2,800 */
     sb_real least_piece; /* parts without supports that are smaller than so many mean elements (volume at rest) are
-                          * taken out in the call that cuts them off, but for those that glue ties to others; >= 0,
-                          * default 1; 0 keeps them all */
+                          * taken out in the call that cuts them off, but for those that glue ties to others, and so are
+                          * parts without volume, with supports or not; >= 0, default 1; 0 keeps them all */
     int max_strokes;     /* that are under way at once, >= 0; default 4 */
     sb_allocator allocator;
     unsigned cookie; /* of sb_default_cut_def */

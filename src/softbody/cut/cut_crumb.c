@@ -36,6 +36,7 @@ typedef struct sbi_cut_flood {
     int first;  /* of its pieces in cut->flooded */
     int ends;   /* 1: it is no crumb */
     int failed; /* 1: no memory */
+    int found;  /* 1: a search has found a crumb, or a film without volume */
     double volume;
 } sbi_cut_flood;
 
@@ -114,6 +115,7 @@ static int sbi_cut_is_held(const sb_cut *cut, sbi_cut_handle at, int local)
 /* Searches the part of a piece; 1: it is a crumb. */
 static int sbi_cut_flood_from(sb_cut *cut, sbi_cut_flood *flood, sbi_cut_handle seed)
 {
+    int is_held = 0;
     flood->number++;
     flood->first = cut->flooded.count;
     flood->ends = 0;
@@ -125,9 +127,10 @@ static int sbi_cut_flood_from(sb_cut *cut, sbi_cut_flood *flood, sbi_cut_handle 
         sb_real share = at >= 0 ? cut->cells[at].share : sb_body_cell_share(cut->body, cut->pieces[~at].cell);
         flood->volume += (double)share * (double)sbi_cut_tet_volume(cut, tet);
         flood->ends |= flood->volume >= (double)cut->least_volume;
-        for (int a = 0; a < cut->nodes_per_tet && !flood->ends; a++)
-            flood->ends = sbi_cut_is_held(cut, at, a);
-        for (int a = 0; a < 4 && !flood->ends; a++) /* where pieces share a middle they share both ends */
+        for (int a = 0; a < cut->nodes_per_tet && !flood->ends && !is_held; a++)
+            is_held = sbi_cut_is_held(cut, at, a);
+        flood->ends |= is_held && flood->volume > 0; /* a film without volume is no part, even where it is held */
+        for (int a = 0; a < 4 && !flood->ends; a++)  /* where pieces share a middle they share both ends */
             sbi_cut_visit_around(cut, flood, at, a);
         if (!flood->ends && sbi_cut_will_be_glued(cut, tet))
             sbi_cut_visit_tet(cut, flood, tet);
@@ -143,6 +146,7 @@ static void sbi_cut_try_crumb(sb_cut *cut, sbi_cut_flood *flood, sbi_cut_handle 
     if (*sbi_cut_crumb_mark(cut, seed) != 0 || flood->failed || !sbi_cut_flood_from(cut, flood, seed))
         return;
     cut->removed.crumbs += flood->volume > 0;
+    flood->found = 1;
     for (int k = flood->first; k < cut->flooded.count; k++)
         *sbi_cut_crumb_mark(cut, cut->flooded.items[k]) = SBI_CUT_CRUMBLES;
 }
@@ -198,7 +202,7 @@ SBI_API int sbi_cut_find_crumbs(sb_cut *cut)
     memset(&flood, 0, sizeof flood);
     cut->flooded.count = 0;
     sbi_cut_try_all(cut, &flood);
-    done = !flood.failed && (!cut->removed.crumbs || sbi_cut_lose_crumbs(cut));
+    done = !flood.failed && (!flood.found || sbi_cut_lose_crumbs(cut));
     for (int k = 0; k < cut->flooded.count; k++)
         *sbi_cut_crumb_mark(cut, cut->flooded.items[k]) = 0;
     return done;

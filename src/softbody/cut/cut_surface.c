@@ -45,6 +45,7 @@ typedef struct sbi_draw_table {
 typedef struct sbi_draw_vertex {
     sb_cut_origin origin;
     int cell, cell_nodes[SBI_CUT_NODES]; /* of the body, that it moves with */
+    int is_carried;                      /* 1: that is not of its own piece */
     int stamp;                           /* of the last rebuild that used it */
 } sbi_draw_vertex;
 
@@ -116,6 +117,7 @@ typedef struct sbi_draw_tet {
     int tet;
     sbi_parted parted;
     int cells[SBI_LATTICE_POINTS];             /* of the pieces */
+    int carriers[SBI_LATTICE_POINTS];          /* cells that have them where they would be left behind */
     signed char places[4][SBI_LATTICE_POINTS]; /* of points of a face in it, the same from both its elements */
 } sbi_draw_tet;
 
@@ -322,6 +324,19 @@ static void sbi_draw_put_texture(sb_cut_surface *s, int vertex, sb_vec3 normal)
     s->texture[vertex][1] = sb_v3_dot(s->rest[vertex], s->axes[at].v);
 }
 
+/* 1: a place of a cell depends on nodes without material, which stand still. */
+static int sbi_draw_stands_still(const sb_cut_surface *s, int cell, const sb_real at[4])
+{
+    const int *nodes = sb_body_cell_nodes(s->cut->body, cell), *part_of = s->cut->body->node_component;
+    int still = 0;
+    for (int a = 0; a < 4; a++) {
+        still |= at[a] > 0 && part_of[nodes[a]] < 0;
+        for (int b = a + 1; b < 4 && s->cut->nodes_per_tet > 4; b++)
+            still |= at[a] > 0 && at[b] > 0 && part_of[nodes[4 + s->edge_of[a][b]]] < 0;
+    }
+    return still;
+}
+
 /* The vertex with this name, on a piece of the element, at these barycentrics. The lowest bit of at[6] of the
  * name is its tag; normal: of a lip, at rest. */
 static int sbi_draw_vertex_of(sb_cut_surface *s, const sbi_draw_tet *t, int piece, sbi_draw_key key,
@@ -352,8 +367,9 @@ static int sbi_draw_vertex_of(sb_cut_surface *s, const sbi_draw_tet *t, int piec
         made->origin.element = t->tet;
         memcpy(made->origin.nodes, tet, sizeof made->origin.nodes);
         memcpy(made->origin.weights, at, sizeof made->origin.weights);
-        made->cell = t->cells[piece];
-        memcpy(made->cell_nodes, sb_body_cell_nodes(s->cut->body, t->cells[piece]),
+        made->is_carried = t->carriers[piece] != t->cells[piece] && sbi_draw_stands_still(s, t->cells[piece], at);
+        made->cell = made->is_carried ? t->carriers[piece] : t->cells[piece];
+        memcpy(made->cell_nodes, sb_body_cell_nodes(s->cut->body, made->cell),
                (size_t)s->cut->nodes_per_tet * sizeof(int));
         s->origins[vertex] = made->origin;
     }
@@ -383,6 +399,22 @@ static void sbi_draw_add_triangle(sb_cut_surface *s, int a, int b, int c, int ta
     }
     sbi_draw_set_triangle(s, s->triangle_count, a, b, c, tag, cell);
     s->triangle_count++;
+}
+
+/* The cell that a triangle of a piece moves with. */
+static int sbi_draw_cell_of(const sb_cut_surface *s, const sbi_draw_tet *t, int piece, const int v[3])
+{
+    int is_carried =
+        s->failed ? 0 : s->vertices[v[0]].is_carried || s->vertices[v[1]].is_carried || s->vertices[v[2]].is_carried;
+    return is_carried ? t->carriers[piece] : t->cells[piece];
+}
+
+/* Adds a triangle of a piece. */
+static void sbi_draw_add_of(sb_cut_surface *s, const sbi_draw_tet *t, int piece, int a, int b, int c, int tag)
+{
+    int v[3];
+    v[0] = a, v[1] = b, v[2] = c;
+    sbi_draw_add_triangle(s, a, b, c, tag, sbi_draw_cell_of(s, t, piece, v));
 }
 
 /* ---- names ---- */
@@ -544,6 +576,30 @@ static int sbi_draw_centre(sb_cut_surface *s, const sbi_draw_tet *t, int micro, 
 
 /* ---- what is to be drawn by pieces ---- */
 
+/* Of a film, a piece without volume, the cell of the piece that it lies on, or on which the film lies that it lies
+ * on. */
+static void sbi_draw_find_carriers(const sb_cut *cut, sbi_draw_tet *t)
+{
+    const sbi_parted *parted = &t->parted;
+    int is_carried[SBI_LATTICE_POINTS], changed = 0;
+    for (int piece = 0; piece < parted->piece_count; piece++) {
+        t->carriers[piece] = t->cells[piece];
+        is_carried[piece] = sb_body_cell_share(cut->body, t->cells[piece]) > 0;
+        changed |= !is_carried[piece];
+    }
+    while (changed) {
+        changed = 0;
+        for (int end = 0; end < 2 * parted->lattice->link_count; end++) {
+            const unsigned char *ends = parted->lattice->links[end / 2];
+            int film = parted->piece_of[ends[end % 2]], under = parted->piece_of[ends[1 - end % 2]];
+            if (film == SBI_PARTED_LOST || under == SBI_PARTED_LOST || is_carried[film] || !is_carried[under])
+                continue;
+            t->carriers[film] = t->carriers[under];
+            is_carried[film] = changed = 1;
+        }
+    }
+}
+
 static void sbi_draw_load_tet(const sb_cut_surface *s, int tet, sbi_draw_tet *t)
 {
     const sb_cut *cut = s->cut;
@@ -554,6 +610,7 @@ static void sbi_draw_load_tet(const sb_cut_surface *s, int tet, sbi_draw_tet *t)
         sbi_lattice_face_places(&cut->lattice, &t->parted.order, face, t->places[face]);
     for (int piece = sbi_cut_first_piece(cut, tet); piece >= 0; piece = cut->pieces[piece].next)
         t->cells[count++] = cut->pieces[piece].cell;
+    sbi_draw_find_carriers(cut, t);
 }
 
 /* Lists an element; changed: it is not as it was drawn. */
@@ -614,7 +671,7 @@ static uint64_t sbi_draw_hash_cells(const sb_cut_surface *s, int tet)
         hash = sbi_hash_word(hash, cut->pieces[piece].points);
         hash = sbi_hash_word(hash, (uint64_t)cut->pieces[piece].cell);
         for (int a = 0; a < cut->nodes_per_tet; a++)
-            hash = sbi_hash_word(hash, (uint64_t)nodes[a]);
+            hash = sbi_hash_word(hash, 2 * (uint64_t)nodes[a] + (cut->body->node_component[nodes[a]] < 0));
     }
     return hash;
 }
@@ -829,9 +886,9 @@ static void sbi_draw_skin_half(sb_cut_surface *s, const sbi_draw_tet *t, int mic
     crossing = sbi_draw_link(s, t, link, point, SB_CUT_SKIN, none);
     hub = sbi_draw_face(s, t, micro, local, end, middle, SB_CUT_SKIN, none);
     if (end == edge)
-        sbi_draw_add_triangle(s, at, crossing, hub, SB_CUT_SKIN, t->cells[t->parted.piece_of[point]]);
+        sbi_draw_add_of(s, t, t->parted.piece_of[point], at, crossing, hub, SB_CUT_SKIN);
     else
-        sbi_draw_add_triangle(s, crossing, at, hub, SB_CUT_SKIN, t->cells[t->parted.piece_of[point]]);
+        sbi_draw_add_of(s, t, t->parted.piece_of[point], crossing, at, hub, SB_CUT_SKIN);
 }
 
 /* A triangle of the lattice on the skin: whole where no link of it is cut, else as its flags about the face's point. */
@@ -849,9 +906,8 @@ static void sbi_draw_skin_micro(sb_cut_surface *s, const sbi_draw_tet *t, int mi
     if (!cut) {
         if (sbi_draw_is_lost(t, corners[local[0]]))
             return;
-        sbi_draw_add_triangle(s, sbi_draw_point(s, t, corners[local[0]]), sbi_draw_point(s, t, corners[local[1]]),
-                              sbi_draw_point(s, t, corners[local[2]]), SB_CUT_SKIN,
-                              t->cells[t->parted.piece_of[corners[local[0]]]]);
+        sbi_draw_add_of(s, t, t->parted.piece_of[corners[local[0]]], sbi_draw_point(s, t, corners[local[0]]),
+                        sbi_draw_point(s, t, corners[local[1]]), sbi_draw_point(s, t, corners[local[2]]), SB_CUT_SKIN);
         return;
     }
     for (int a = 0; a < 4; a++)
@@ -869,8 +925,8 @@ static void sbi_draw_skin_micro(sb_cut_surface *s, const sbi_draw_tet *t, int mi
             sbi_draw_skin_half(s, t, micro, local, k, (k + 1) % 3, link, middle);
         } else if (!sbi_draw_is_lost(t, corners[v])) {
             int hub = sbi_draw_face(s, t, micro, local, k, middle, SB_CUT_SKIN, none);
-            sbi_draw_add_triangle(s, sbi_draw_point(s, t, corners[v]), sbi_draw_point(s, t, corners[w]), hub,
-                                  SB_CUT_SKIN, t->cells[t->parted.piece_of[corners[v]]]);
+            sbi_draw_add_of(s, t, t->parted.piece_of[corners[v]], sbi_draw_point(s, t, corners[v]),
+                            sbi_draw_point(s, t, corners[w]), hub, SB_CUT_SKIN);
         }
     }
 }
@@ -880,7 +936,7 @@ static void sbi_draw_skin_fan(sb_cut_surface *s, const sbi_draw_tet *t, int face
 {
     const sbi_lattice *lattice = t->parted.lattice;
     const int *nodes = s->cut->tets + 4 * (size_t)t->tet;
-    int local[SB_MAX_FACE_NODES], m = lattice->intervals, hub, piece, cell;
+    int local[SB_MAX_FACE_NODES], m = lattice->intervals, hub, piece;
     sb_real middle[4] = {0, 0, 0, 0};
     sbi_draw_key key;
     sb_element_face(SB_TET4, face, local, NULL);
@@ -889,7 +945,6 @@ static void sbi_draw_skin_fan(sb_cut_surface *s, const sbi_draw_tet *t, int face
     if (sbi_draw_is_lost(t, local[0]))
         return;
     piece = t->parted.piece_of[local[0]];
-    cell = t->cells[piece];
     key = sbi_draw_key_make(SBI_DRAW_MIDDLE, t->tet, face, 0, 0, sbi_draw_node(s, t, piece, middle));
     hub = sbi_draw_vertex_of(s, t, piece, key, middle, sb_v3(0, 0, 0));
     for (int k = 0; k < 3; k++) {
@@ -901,7 +956,7 @@ static void sbi_draw_skin_fan(sb_cut_surface *s, const sbi_draw_tet *t, int face
             weights[w] = i * m / parts;
             weights[v] = m - weights[w];
             to = sbi_draw_point(s, t, lattice->lookup[weights[1]][weights[2]][weights[3]]);
-            sbi_draw_add_triangle(s, from, to, hub, SB_CUT_SKIN, cell);
+            sbi_draw_add_of(s, t, piece, from, to, hub, SB_CUT_SKIN);
             from = to;
         }
     }
@@ -977,15 +1032,15 @@ static void sbi_draw_lip(sb_cut_surface *s, const sbi_draw_tet *t, sbi_draw_micr
     normal = sb_v3_cross(sb_v3_sub(rest[1], rest[0]), sb_v3_sub(rest[2], rest[0]));
     tag = s->cut->links.items[t->parted.rank[link]].charred ? SB_CUT_CHAR : SB_CUT_LIP;
     for (int side = 0; side < 2; side++) {
-        int corner = side ? w : v, cell, at[3];
+        int corner = side ? w : v, piece, at[3];
         if (sbi_draw_is_lost(t, corners[corner]))
             continue;
         sbi_draw_lip_side(s, t, m, corner, side ? v : w, x, normal, at);
-        cell = t->cells[t->parted.piece_of[corners[corner]]];
+        piece = t->parted.piece_of[corners[corner]];
         if (side == turned)
-            sbi_draw_add_triangle(s, at[0], at[1], at[2], tag, cell);
+            sbi_draw_add_of(s, t, piece, at[0], at[1], at[2], tag);
         else
-            sbi_draw_add_triangle(s, at[0], at[2], at[1], tag, cell);
+            sbi_draw_add_of(s, t, piece, at[0], at[2], at[1], tag);
     }
 }
 
@@ -1141,7 +1196,7 @@ static void sbi_draw_whole_faces(sb_cut_surface *s)
 {
     sbi_draw_tet t;
     for (int f = 0; f < s->face_count; f++) {
-        int tet = s->faces[f] / 4, face = s->faces[f] % 4, local[SB_MAX_FACE_NODES];
+        int tet = s->faces[f] / 4, face = s->faces[f] % 4, local[SB_MAX_FACE_NODES], v[3];
         if (s->face_states[f] != SBI_DRAW_WHOLE) {
             sbi_draw_set_triangle(s, f, 0, 0, 0, SB_CUT_SKIN, -1);
             continue;
@@ -1157,8 +1212,10 @@ static void sbi_draw_whole_faces(sb_cut_surface *s)
             sbi_draw_set_triangle(s, f, 0, 0, 0, SB_CUT_SKIN, -1);
             continue;
         }
-        sbi_draw_set_triangle(s, f, sbi_draw_point(s, &t, local[0]), sbi_draw_point(s, &t, local[1]),
-                              sbi_draw_point(s, &t, local[2]), SB_CUT_SKIN, t.cells[t.parted.piece_of[local[0]]]);
+        for (int k = 0; k < 3; k++)
+            v[k] = sbi_draw_point(s, &t, local[k]);
+        sbi_draw_set_triangle(s, f, v[0], v[1], v[2], SB_CUT_SKIN,
+                              sbi_draw_cell_of(s, &t, t.parted.piece_of[local[0]], v));
     }
 }
 
