@@ -12,6 +12,11 @@ enum {
 #define SBI_FRICTION_FULL (1 - 1e-9)
 #define SBI_HAPTIC_LARGE 1e9 /* of an entry of a frame: its squares are far from overflow */
 
+#define SBI_RELAX_KEPT 0.8   /* of what was learned from frames before, with each */
+#define SBI_RELAX_MOST 0.8   /* largest share that relaxes */
+#define SBI_RELAX_SAME 0.9   /* cosine between normals of one contact in two frames */
+#define SBI_RELAX_DOUBT 0.01 /* of the push: changes of it that tell next to nothing */
+
 SBI_API int sbi_haptic_frame_is_sound(const sbi_haptic_frame *frame)
 {
     const sbi_turn *q = &frame->pose.rotation;
@@ -35,9 +40,62 @@ static sbi_d3 sbi_haptic_arm(const sbi_haptic_cluster *cluster, const sbi_d_pose
     return sbi_turn_apply(pose->rotation, cluster->point);
 }
 
+/* The plane that pushes most, or -1. */
+static int sbi_haptic_strongest(const sbi_haptic_frame *frame)
+{
+    int best = -1;
+    for (int c = 0; c < frame->count; c++)
+        if (frame->clusters[c].push > (best < 0 ? 0 : frame->clusters[best].push))
+            best = c;
+    return best;
+}
+
+/* Learns from a frame that follows the one in force: its push is what that one's plane says there, less what the tissue
+ * lost of the push of the step before by relaxing. One plane tells; where there are more, their pushes change for other
+ * reasons, too. */
+static void sbi_haptic_learn(sbi_haptic_model *model, const sbi_haptic_cluster *k, const sbi_haptic_cluster *before,
+                             sbi_d3 came)
+{
+    double lost = k->push - before->push + k->stiffness * sbi_d_dot(k->normal, came);
+    double due = k->stiffness * sbi_d_dot(k->normal, model->came), doubt = SBI_RELAX_DOUBT * k->push, share;
+    model->fit[0] = SBI_RELAX_KEPT * model->fit[0] + lost * due;
+    model->fit[1] = SBI_RELAX_KEPT * model->fit[1] + due * due;
+    share = model->fit[0] / (model->fit[1] + doubt * doubt);
+    share = share > 0 ? share : 0; /* also of what is no number */
+    model->share = share < SBI_RELAX_MOST ? share : SBI_RELAX_MOST;
+}
+
+/* What the new frame goes on from. */
+static void sbi_haptic_remember(sbi_haptic_model *model, const sbi_haptic_frame *frame)
+{
+    const sbi_haptic_frame *old = &model->frame;
+    int now = sbi_haptic_strongest(frame), before = sbi_haptic_strongest(old);
+    sbi_d3 came = sbi_d_sub(frame->pose.position, old->pose.position);
+    if (now < 0 || before < 0 ||
+        !(sbi_d_dot(frame->clusters[now].normal, old->clusters[before].normal) > SBI_RELAX_SAME)) {
+        model->came = sbi_d(0, 0, 0);
+        return;
+    }
+    if (frame->count == 1 && old->count == 1)
+        sbi_haptic_learn(model, frame->clusters + now, old->clusters + before, came);
+    model->came = came;
+}
+
+SBI_API void sbi_haptic_model_relax(sbi_haptic_model *model, sbi_d3 way)
+{
+    way = sbi_d_add(model->came, way);
+    for (int c = 0; c < model->frame.count; c++) {
+        const sbi_haptic_cluster *k = model->frame.clusters + c;
+        double out = k->stiffness * sbi_d_dot(k->normal, way), push = k->push > 0 ? k->push : 0;
+        model->relaxed[c] = push > 0 ? model->share * (out < push ? out : push) : 0; /* farther out nothing touches */
+    }
+}
+
 SBI_API void sbi_haptic_model_set(sbi_haptic_model *model, const sbi_haptic_frame *frame)
 {
+    sbi_haptic_remember(model, frame);
     model->frame = *frame;
+    sbi_haptic_model_relax(model, sbi_d(0, 0, 0));
     model->factor.size = 0;
     for (int c = 0; c < frame->count; c++) {
         const sbi_haptic_cluster *k = frame->clusters + c;
@@ -68,7 +126,7 @@ static sbi_haptic_touch sbi_haptic_touch_at(const sbi_haptic_model *model, int c
     double bound, square;
     at.arm = sbi_axes_apply(axes, k->point);
     at.place = sbi_d_add(pose->position, at.arm);
-    at.push = k->push - k->stiffness * sbi_d_dot(k->normal, sbi_d_sub(at.place, model->places[c]));
+    at.push = k->push + model->relaxed[c] - k->stiffness * sbi_d_dot(k->normal, sbi_d_sub(at.place, model->places[c]));
     if (!(at.push > 0))
         at.push = 0;
     at.traction = sbi_d_scale(k->tangential, sbi_d_across(sbi_d_sub(model->anchors[c], at.place), k->normal));

@@ -1,12 +1,21 @@
 /* haptic_model: what tissue does to a tool until the next step has been computed. Internal.
  *
  * A frame is what one step knows: where the tool was, and its contacts gathered into at most eight planes (clusters)
- * with stiffness and friction. The wrench is then a function of the tool's pose alone, at no cost:
+ * with stiffness and friction. The wrench is then a function of the tool's pose, and of where it was a step ago, at no
+ * cost:
  *
  *     gap change     d = n.(pose(r) - pose0(r))         n unit, the way the tissue pushes the tool
- *     push           f = max(0, f0 - kn d)              f0 < 0: no contact yet, the gap is -f0/kn
+ *     push           f = max(0, f0 - kn d + fr)         f0 < 0: no contact yet, the gap is -f0/kn
  *     friction       t = -kt (what the point moved across n from its anchor), |t| <= mu f; the anchor is drawn along
  *     torque         r x (f n + t) + m0 f/f0
+ *
+ * kn is the step's: as stiff as tissue is against a change of the tool's speed, by its damping and mass. While a tool
+ * goes on at the same speed these add nothing, and of the push of a way only the elastic share stays a step later. With
+ * the share s that relaxes, and ways a step ago, z(t) = pose(t - dt),
+ *
+ *     relaxed        fr = s kn n.(z(now) - z(frame))    exactly what Kelvin-Voigt tissue does in implicit Euler steps
+ *
+ * s is learned from frames that follow each other.
  *
  * A force that is held between steps instead makes a hand with little damping swing: the delay of a step makes it
  * active. Source: contact-haptics sheet 9.2, 9.4; Barbic and James 2007; Zilles and Salisbury 1995 (anchors). */
@@ -50,6 +59,10 @@ typedef struct sbi_haptic_model {
     double gives[SBI_HAPTIC_CLUSTERS];   /* m/N, 1 over stiffness, 0 of none; along the normal and across it */
     double gives_across[SBI_HAPTIC_CLUSTERS];
     sbi_haptic_factor factor;
+    sbi_d3 came;                         /* m: the tool's way in the frame's step; 0 where nothing touched before it */
+    double relaxed[SBI_HAPTIC_CLUSTERS]; /* N that the push is more since, by relaxing: less where the tool goes in */
+    double share;                        /* of the stiffness that relaxes within a step, learned from frames */
+    double fit[2];                       /* N^2: sums that it is learned from */
 } sbi_haptic_model;
 
 /* What holds the tool to the hand. A translation of 0 is rigid, in rotation too; a rotation of 0 is rigid by itself. */
@@ -59,8 +72,10 @@ typedef struct sbi_haptic_coupling {
 
 /* 1 when everything in the frame is finite, of a size that can be computed with, and within its range. */
 SBI_API int sbi_haptic_frame_is_sound(const sbi_haptic_frame *frame);
-/* Puts a sound frame in force. */
+/* Puts a sound frame in force. *model is zeros before the first. */
 SBI_API void sbi_haptic_model_set(sbi_haptic_model *model, const sbi_haptic_frame *frame);
+/* way (m): of the tool from the frame's pose to where it was one step before now. */
+SBI_API void sbi_haptic_model_relax(sbi_haptic_model *model, sbi_d3 way);
 
 /* Where the tool is that hangs on a hand at `hand`, what the hand feels, and the energy in planes and coupling (J).
  * Anchors follow. *tool in: the last such pose, where the search starts.

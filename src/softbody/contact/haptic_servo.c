@@ -12,7 +12,7 @@
 #define SBI_SERVO_FASTEST 2e-3      /* s: shortest period of a simulation */
 #define SBI_SERVO_SLOWEST 5e-2      /* s: longest */
 #define SBI_SERVO_PERIOD (1 / 60.0) /* s: before the first frames */
-#define SBI_SERVO_BLEND 1.3         /* periods in which the offset of a frame goes */
+#define SBI_SERVO_BLEND 2           /* periods in which the offset of a frame goes */
 #define SBI_SERVO_LEARN 0.25        /* share of the newest interval in the period */
 
 /* What the bank holds beyond what springs store is this share of max_force^2/max_stiffness; a debt is remembered up to
@@ -137,12 +137,15 @@ static sbi_d_wrench sbi_wrench_scale(double s, sbi_d_wrench a)
 
 /* ---- the law, in the order of a call ---- */
 
-/* 3. What the hand feels of the frame at a pose. */
-static sbi_d_wrench sbi_servo_feel(sbi_servo *servo, const sbi_d_pose *hand)
+/* 3. What the hand feels of the frame at a pose, so long (s) after it came. It took a step to come: since then the tool
+ * of a step ago goes the way that it went meanwhile. */
+static sbi_d_wrench sbi_servo_feel(sbi_servo *servo, const sbi_d_pose *hand, double after)
 {
     sbi_d_pose in_tissue = sbi_servo_in_tissue(servo, hand);
-    sbi_d_wrench felt =
-        sbi_haptic_model_feel(&servo->model, &servo->coupling, &in_tissue, &servo->tool, &servo->stored);
+    double share = after < servo->info.period ? after / servo->info.period : 1;
+    sbi_d_wrench felt;
+    sbi_haptic_model_relax(&servo->model, sbi_d_scale(share, servo->way));
+    felt = sbi_haptic_model_feel(&servo->model, &servo->coupling, &in_tissue, &servo->tool, &servo->stored);
     servo->stored *= servo->torque_scale;
     servo->info.gap = sbi_d_norm(sbi_d_sub(servo->tool.position, in_tissue.position));
     return sbi_servo_on_hand(servo, felt);
@@ -162,8 +165,13 @@ static void sbi_servo_accept(sbi_servo *servo, const sbi_haptic_frame *frame)
         servo->info.period += SBI_SERVO_LEARN * (interval - servo->info.period);
     }
     sbi_haptic_model_set(&servo->model, frame);
-    servo->offset = sbi_wrench_madd(servo->shown, -1, sbi_servo_feel(servo, &servo->hand));
+    servo->way = sbi_d_sub(servo->tool.position, frame->pose.position);
     servo->info.age = 0;
+    servo->older = sbi_wrench_madd(servo->older, 1, servo->offset);
+    servo->older_left = servo->left;
+    servo->left = SBI_SERVO_BLEND * servo->info.period;
+    servo->offset = sbi_wrench_madd(servo->shown, -1, sbi_servo_feel(servo, &servo->hand, 0));
+    servo->offset = sbi_wrench_madd(servo->offset, -1, servo->older);
     servo->info.frames++;
     servo->has_frame = 1;
 }
@@ -178,12 +186,13 @@ static void sbi_servo_refuse(sbi_servo *servo, const sbi_haptic_frame *frame)
     servo->shown = sbi_wrench_scale(1 - SBI_SERVO_TICK / (0.2 * SBI_SERVO_FADE), servo->shown);
 }
 
-/* 4. Share of the offset that is left after a call. It goes evenly: no other way changes the force less within a call,
- * which an exponential of the same mean does by 1.7 times as much at first. */
-static double sbi_servo_fade(const sbi_servo *servo, double dt)
+/* 4. What is left of an offset after a call, of *left s in which it goes evenly: no other way changes the force less
+ * within a call, which an exponential of the same mean does by 1.7 times as much at first. */
+static sbi_d_wrench sbi_servo_fade(sbi_d_wrench offset, double *left, double dt)
 {
-    double left = SBI_SERVO_BLEND * servo->info.period - servo->info.age;
-    return left > dt ? 1 - dt / left : 0;
+    double share = *left > dt ? 1 - dt / *left : 0;
+    *left = *left > dt ? *left - dt : 0;
+    return sbi_wrench_scale(share, offset);
 }
 
 /* 5. Share of the wrench that a frame of this age is worth. */
@@ -317,10 +326,12 @@ static int sbi_servo_follow(sbi_servo *servo, const sb_tool_state *in, const sbi
         servo->hand = servo->has_hand ? servo->hand : hand;
         sbi_servo_accept(servo, frame);
     }
-    wrench = sbi_servo_feel(servo, &hand);
-    servo->offset = sbi_wrench_scale(sbi_servo_fade(servo, dt), servo->offset);
+    wrench = sbi_servo_feel(servo, &hand, servo->info.age + dt);
+    servo->offset = sbi_servo_fade(servo->offset, &servo->left, dt);
+    servo->older = sbi_servo_fade(servo->older, &servo->older_left, dt);
     freshness = sbi_servo_freshness(servo);
-    wrench = sbi_wrench_scale(freshness, sbi_wrench_madd(wrench, 1, servo->offset));
+    wrench = sbi_wrench_madd(sbi_wrench_madd(wrench, 1, servo->offset), 1, servo->older);
+    wrench = sbi_wrench_scale(freshness, wrench);
     wrench = sbi_servo_slew(servo, wrench, dt);
     sbi_servo_velocity(servo, &hand, dt, &velocity, &turning);
     sbi_servo_account(servo, &hand, velocity, freshness, dt);
