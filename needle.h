@@ -1202,10 +1202,10 @@ typedef sb_real (*ndl_cutting)(void *user, sb_vec3 X, int region);
  * where they meet the skin: of 200 into random ellipsoids none felt 0.02 N more than friction and cutting in any step.
  * Under load the rod is ahead of its material points, by 1 mm of 20 N/m and 3 mm at a tip of 0.5 N in 50 kPa, which is
  * how far tissue about a needle is drawn along. A tip bends as its bevel says: after 8 cm in 10 to 50 kPa it is aside
- * by the same to 3 % with edges from 20 to 7 mm (5 mm in 10 kPa: 7 % less). Limits: needles do not go in through the
- * lips of a cut, and are stopped as by a wall where a piece stands apart from the next; the sb_cut that cut the body
- * has to stay as long as they do: without it they are out of the tissue, as where others change the mesh; entry_slip is
- * not read.
+ * by the same to 3 % with edges from 20 to 7 mm (5 mm in 10 kPa: 7 % less). Limits: lips of a cut that touch let a
+ * needle through, but it does not go in through open ones, and is stopped as by a wall where a piece stands apart from
+ * the next; a loose piece may stay on it when it is drawn out; the sb_cut that cut the body has to stay as long as
+ * needles do: without it they are out of the tissue, as where others change the mesh; entry_slip is not read.
  */
 typedef enum ndl_follow {
     NDL_REMESH = 0, /* the mesh follows: nodes are moved and made on the needle's line. tet4, def.slack > 0, no cuts; no

@@ -491,8 +491,6 @@ static double beam_pull(block *b)
     return fabs(sum);
 }
 
-/* Rows "tet10" of the design's table: lag, and sag and force with glue against -3.47e-2 m and 3.79 N, to which
- * conforming meshes converge. */
 /* How far a beam's cut is open at the top (m). */
 static double beam_opening(block *b)
 {
@@ -517,6 +515,8 @@ static double beam_opening(block *b)
     return sums[1] / counts[1] - sums[0] / counts[0];
 }
 
+/* Rows "tet10" of the design's table: lag, and sag and force with glue against -3.47e-2 m and 3.79 N, to which
+ * conforming meshes converge. */
 static void test_half(void)
 {
     static const int cells[3][3] = {{11, 2, 3}, {21, 4, 7}, {31, 5, 9}};
@@ -574,7 +574,6 @@ static void test_crack(void)
     CHECK(fabs(lag) > 0.05);
 }
 
-/* Steps take at most 1.3 times the uncut beam's iterations, however thin the slices beside a plane of nodes are. */
 /* Where a beam's end sags to does not jump as a cut comes near the nodes of its mesh: of these shares of an element
  * beyond them the last two cut it there. */
 static void test_offsets(void)
@@ -599,6 +598,7 @@ static void test_offsets(void)
     }
 }
 
+/* Steps take at most 1.3 times the uncut beam's iterations, however thin the slices beside a plane of nodes are. */
 static void test_slivers(void)
 {
     static const int cells[3] = {20, 4, 6};
