@@ -68,7 +68,7 @@ static void organ_take(organ *o, sb_mesh mesh, double how)
     measure_edges(o, sb_body_positions(o->p.body));
     o->surface = surface_now(o);
     sb_surface_bounds(o->surface, &o->low, &o->high);
-    o->ball = skin_sphere(sb_v3(0, 0, 0), (double)o->longest / REAL(1.8), 2);
+    o->ball = skin_sphere(sb_v3(0, 0, 0), (double)(o->longest / REAL(1.8)), 2);
 }
 
 static void organ_make(organ *o, unsigned long long number)
