@@ -6433,6 +6433,7 @@ static void ndli_remesh_read(ndl_remesh *r, const sb_body *body, const void *buf
     ndli_image image;
     int counts[NDLI_TOPOLOGY_COUNTS];
     memset(&head, 0, sizeof head);
+    memset(counts, 0, sizeof counts);
     memset(&image, 0, sizeof image);
     image.in = (const unsigned char *)buffer;
     ndli_image_part(&image, &head, 1, sizeof head);

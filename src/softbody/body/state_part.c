@@ -273,6 +273,7 @@ SBI_API void sbi_state_parts_load(const sb_body *owner, const unsigned char *byt
     size_t at = 0;
     for (int i = 0; owner->parts && i < owner->parts->count; i++) {
         sbi_part_view view;
+        memset(&view, 0, sizeof view);
         (void)sbi_part_next(bytes, (size_t)-1, &at, &view); /* it was checked */
         owner->parts->list[i].load(owner->parts->list[i].user, view.bytes, view.size);
     }

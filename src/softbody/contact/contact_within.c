@@ -140,7 +140,8 @@ SBI_API int sbi_contact_surrounds(sb_contact *contact, sb_vec3 at, sb_real *dist
 SBI_API int sbi_contact_surrounds_tool(sb_contact *contact, const sbi_tool *shape, const sb_vec3 *chain,
                                        const sb_pose *pose, sb_real *distance)
 {
-    sb_vec3 point; /* one: a skeleton is in one piece, and deep enough in the tool for samples to see it cross a face */
+    /* one: a skeleton is in one piece, and deep enough in the tool for samples to see it cross a face */
+    sb_vec3 point = sb_v3(0, 0, 0);
     *distance = SB_REAL_MAX;
     if (sbi_tool_skeleton(shape, chain, &point, 1) == 0)
         return -1;

@@ -357,7 +357,7 @@ static double sbi_fit_cost(const sbi_fit *fit, const double *c, int *worst)
 {
     double sum = 0;
     for (int k = 0; k < fit->count; k++) {
-        double stress, weight = sbi_fit_weight(fit, fit->data + k), error;
+        double stress = 0, weight = sbi_fit_weight(fit, fit->data + k), error;
         if (weight > 0 && (!(sbi_fit_mu(fit, c) > 0) || !sbi_fit_predict(fit, c, fit->data + k, &stress, NULL))) {
             *worst = k;
             return -1;

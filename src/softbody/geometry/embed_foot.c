@@ -217,7 +217,7 @@ SBI_API int sbi_embed_foot_element(const sbi_embed_volume *volume, const sbi_emb
     sb_element_face(volume->mesh->element_type, volume->boundary.faces[foot->face], nodes, NULL);
     xi[0] = xi[1] = xi[2] = 0;
     for (int c = 0; c < volume->face.corners; c++) {
-        sb_real corner[3];
+        sb_real corner[3] = {0, 0, 0};
         sb_element_node_point(volume->mesh->element_type, nodes[c], corner);
         for (int k = 0; k < 3; k++)
             xi[k] += shape[c] * corner[k];
