@@ -46,6 +46,7 @@ typedef struct world {
     sb_embedding *embedding;
     sb_surface *shape;
     sb_grid grid;
+    sb_mixture mixture;
     sb_grid_rows rows;
     sb_particles particles;
     sb_body *cloud_body;         /* of the particles */
@@ -81,6 +82,7 @@ typedef struct world {
     ndl_surface_hit entry;
     sb_embedding_def embedding_def;
     sb_grid_def grid_def;
+    sb_mixture_def mixture_def;
     sb_particles_def particles_def;
     sb_stuff_def stuff_def;
     sb_field fields[1];
@@ -731,6 +733,24 @@ static sb_grid *world_grid(world *w)
     if (!w->grid.mesh.nodes)
         CHECK_OK(sb_grid_create(world_grid_def(w), &w->grid, NULL));
     return &w->grid;
+}
+
+static sb_mixture_def *world_mixture_def(world *w)
+{
+    w->mixture_def = sb_default_mixture_def();
+    w->mixture_def.mesh = world_mesh(w);
+    w->mixture_def.shapes = world_solid(w);
+    w->mixture_def.shape_count = 1;
+    w->mixture_def.level = 2;
+    w->mixture_def.allocator = w->allocator;
+    return &w->mixture_def;
+}
+
+static sb_mixture *world_mixture(world *w)
+{
+    if (!w->mixture.elements)
+        CHECK_OK(sb_mixture_create(world_mixture_def(w), &w->mixture, NULL));
+    return &w->mixture;
 }
 
 static sb_particles_def *world_particles_def(world *w)
@@ -1409,6 +1429,7 @@ static void world_free(world *w)
     sb_body_destroy(w->remeshed);
     sb_grid_rows_free(&w->rows);
     sb_grid_free(&w->grid);
+    sb_mixture_free(&w->mixture);
     sb_body_destroy(w->cloud_body);
     sb_particles_free(&w->particles);
     sb_surface_destroy(w->shape);

@@ -174,6 +174,12 @@ public enum sb_grid_method
     SB_GRID_FINITE_CELL = 2,
     SB_GRID_WEIGHTED_CELL = 3,
 }
+public enum sb_mixture_mean
+{
+    SB_MIXTURE_VOIGT = 1,
+    SB_MIXTURE_GEOMETRIC = 2,
+    SB_MIXTURE_REUSS = 3,
+}
 public enum sb_particle_method
 {
     SB_PARTICLES_SPH = 1,
@@ -1078,6 +1084,35 @@ public unsafe struct sb_grid_rows
     public sb_vec3* normals;
     public double farthest;
     public void* memory;
+    public sb_allocator allocator;
+}
+[StructLayout(LayoutKind.Sequential)]
+public unsafe struct sb_mixture_def
+{
+    public sb_mesh* mesh;
+    public sb_shape* shapes;
+    public int shape_count;
+    public int level;
+    public double least_share;
+    public sb_mixture_mean mean;
+    public double* stiffness;
+    public sb_integration integration;
+    public int single_rotation;
+    public sb_allocator allocator;
+    public uint cookie;
+}
+[StructLayout(LayoutKind.Sequential)]
+public unsafe struct sb_mixture
+{
+    public sb_mesh body_mesh;
+    public sb_domain domain;
+    public int* elements;
+    public double* shares;
+    public int mixed_count;
+    public int region_count;
+    public int* regions;
+    public double* region_volumes;
+    public double volume;
     public sb_allocator allocator;
 }
 [StructLayout(LayoutKind.Sequential)]
@@ -2533,6 +2568,8 @@ public static unsafe class Native
     public const int SB_GRID_EMPTY = -1;
     public const int SB_GRID_MAX_SHAPES = 30;
     public const int SB_GRID_MAX_LEVEL = 8;
+    public const int SB_MIXTURE_MAX_SHAPES = 30;
+    public const int SB_MIXTURE_MAX_LEVEL = 16;
     public const int SB_MAX_NEIGHBOURS = 31;
     public const int SB_AUTO = -1;
     public const int SB_CHECK_SIZE = 1;
@@ -3749,6 +3786,18 @@ public static unsafe class Native
     /// </summary>
     [DllImport(Library, CallingConvention = CallingConvention.Cdecl)]
     public static extern void sb_grid_add_traction(sb_grid_rows* rows, sb_vec3* tractions, int uniform, sb_vec3* forces);
+    [DllImport(Library, CallingConvention = CallingConvention.Cdecl)]
+    public static extern sb_mixture_def sb_default_mixture_def();
+    /// <summary>
+    /// Makes a mixture. SB_ERROR_ARGUMENT (a field out of range, named; a surface mesh), SB_ERROR_NOT_FINITE (a distance;
+    /// error-&gt;element), SB_ERROR_MESH (a surface or a part of it is inside out, or what sb_mesh_validate and
+    /// sb_domain_create refuse), SB_ERROR_INDEX, SB_ERROR_UNSUPPORTED (SB_CUSTOM, an element left out by SB_ELEMENT, more
+    /// elements than an int counts), SB_ERROR_MEMORY; *mixture is untouched. Calls `distance` from one thread.
+    /// </summary>
+    [DllImport(Library, CallingConvention = CallingConvention.Cdecl)]
+    public static extern sb_result sb_mixture_create(sb_mixture_def* def, sb_mixture* mixture, sb_error* error);
+    [DllImport(Library, CallingConvention = CallingConvention.Cdecl)]
+    public static extern void sb_mixture_free(sb_mixture* mixture);
     /// <summary>
     /// W (1/m^3) and dW/dr (1/m^4) at distance r (m, &gt;= 0) for the radius h (m, &gt; 0); 0 for an unknown kernel and where an
     /// argument is out of range.

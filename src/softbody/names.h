@@ -191,6 +191,9 @@
 #define sb_grid_map_surface sb_grid_map_surface_f32
 #define sb_grid_rows_free sb_grid_rows_free_f32
 #define sb_grid_add_traction sb_grid_add_traction_f32
+#define sb_default_mixture_def sb_default_mixture_def_f32
+#define sb_mixture_create sb_mixture_create_f32
+#define sb_mixture_free sb_mixture_free_f32
 #define sb_kernel_value sb_kernel_value_f32
 #define sb_kernel_slope sb_kernel_slope_f32
 #define sb_default_particles_def sb_default_particles_def_f32

@@ -123,7 +123,8 @@
  * sb_image     labels of voxels, from a segmentation: sb_image_surface makes surfaces of them, sb_image_set_regions the
  *              regions of a mesh.
  * volumes      from surfaces: sb_mesh_stuff fills them with tets (several nested ones with regions); sb_grid_create
- *              lays them into a grid of bricks that they cut, sb_particles_create fills them with particles. All take
+ *              lays them into a grid of bricks that they cut, sb_particles_create fills them with particles;
+ *              sb_mixture_create gives elements of a mesh that lie in several organs shares of each. All take
  * an sb_shape: a surface, or a distance function. sb_cut       triangles that cut a body while it runs; sb_cut_surface:
  * what is drawn of it; sb_cut_fine: a fine skin of your own that is cut along. sb_embedding points and surfaces carried
  * along by a volume mesh, and forces on them brought back.

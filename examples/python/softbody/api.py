@@ -141,6 +141,11 @@ SB_GRID_WEIGHTED_CELL = 3
 SB_GRID_EMPTY = -1
 SB_GRID_MAX_SHAPES = 30
 SB_GRID_MAX_LEVEL = 8
+SB_MIXTURE_VOIGT = 1
+SB_MIXTURE_GEOMETRIC = 2
+SB_MIXTURE_REUSS = 3
+SB_MIXTURE_MAX_SHAPES = 30
+SB_MIXTURE_MAX_LEVEL = 16
 SB_PARTICLES_SPH = 1
 SB_PARTICLES_MLS = 2
 SB_PARTICLES_GRID = 3
@@ -391,6 +396,8 @@ class sb_pcg_workspace(Structure): pass
 class sb_grid_def(Structure): pass
 class sb_grid(Structure): pass
 class sb_grid_rows(Structure): pass
+class sb_mixture_def(Structure): pass
+class sb_mixture(Structure): pass
 class sb_particles_def(Structure): pass
 class sb_particles(Structure): pass
 class sb_body(Structure): pass
@@ -1026,6 +1033,31 @@ sb_grid_rows._fields_ = [
     ("normals", POINTER(sb_vec3)),
     ("farthest", c_double),
     ("memory", c_void_p),
+    ("allocator", sb_allocator),
+]
+sb_mixture_def._fields_ = [
+    ("mesh", POINTER(sb_mesh)),
+    ("shapes", POINTER(sb_shape)),
+    ("shape_count", c_int),
+    ("level", c_int),
+    ("least_share", c_double),
+    ("mean", c_int),
+    ("stiffness", POINTER(c_double)),
+    ("integration", c_int),
+    ("single_rotation", c_int),
+    ("allocator", sb_allocator),
+    ("cookie", c_uint),
+]
+sb_mixture._fields_ = [
+    ("body_mesh", sb_mesh),
+    ("domain", sb_domain),
+    ("elements", POINTER(c_int)),
+    ("shares", POINTER(c_double)),
+    ("mixed_count", c_int),
+    ("region_count", c_int),
+    ("regions", POINTER(c_int)),
+    ("region_volumes", POINTER(c_double)),
+    ("volume", c_double),
     ("allocator", sb_allocator),
 ]
 sb_particles_def._fields_ = [
@@ -2405,6 +2437,9 @@ FUNCTIONS = {  # name: (what it returns, parameters)
     "sb_grid_map_surface": (c_int, (POINTER(sb_grid), POINTER(sb_mesh), POINTER(c_int), c_int, POINTER(sb_allocator), POINTER(sb_grid_rows), POINTER(sb_error), )),
     "sb_grid_rows_free": (None, (POINTER(sb_grid_rows), )),
     "sb_grid_add_traction": (None, (POINTER(sb_grid_rows), POINTER(sb_vec3), c_int, POINTER(sb_vec3), )),
+    "sb_default_mixture_def": (sb_mixture_def, ()),
+    "sb_mixture_create": (c_int, (POINTER(sb_mixture_def), POINTER(sb_mixture), POINTER(sb_error), )),
+    "sb_mixture_free": (None, (POINTER(sb_mixture), )),
     "sb_kernel_value": (c_double, (c_int, c_double, c_double, )),
     "sb_kernel_slope": (c_double, (c_int, c_double, c_double, )),
     "sb_default_particles_def": (sb_particles_def, ()),
@@ -2959,6 +2994,7 @@ DOCUMENTATION = {
     'sb_grid_map_points': 'Rows of points[count] (m), in their order. A point outside all kept cells belongs to the nearest one, whose shape\nfunctions go on outside: rows give back positions, and carry the force and moment of a load, exactly all the same.\nSB_ERROR_ARGUMENT names (error->node) the first that is farther away than the longest edge of a cell,\nSB_ERROR_NOT_FINITE one that is not finite; SB_ERROR_MEMORY. *rows is untouched then. O(count). Source: eqs. 4.4,\n4.16.',
     'sb_grid_map_surface': "Rows of integration points of triangles[count] (indices of elements; NULL: of all, count is not read) of a tri3 mesh,\ncut finely enough for the cells: one for a triangle with edges up to half a cell, otherwise three in each of its\npieces with edges up to a cell. Their areas sum to that of the triangles, and their moments are exact. Errors as\nabove, and SB_ERROR_INDEX (a triangle), SB_ERROR_MESH (one without area), SB_ERROR_UNSUPPORTED (more rows than an int\ncounts).\n    Penalty displacements (eqs. 4.18-4.21): sb_body_add_mapping(body, &rows.rows, stiffness, 0, targets, ...) with\n    stiffness[j] = kappa areas[j], kappa (Pa/m) some 10 to 100 times Young's modulus over the cell size.",
     'sb_grid_add_traction': 'forces[nodes of the grid] (N) += what tractions[row_count] (Pa on the undeformed area), or one for all when uniform\nis 1, exert on the nodes; hand them to sb_body_add_forces. Rows need areas; others change nothing. Source: eqs.\n4.14-4.17.',
+    'sb_mixture_create': 'Makes a mixture. SB_ERROR_ARGUMENT (a field out of range, named; a surface mesh), SB_ERROR_NOT_FINITE (a distance;\nerror->element), SB_ERROR_MESH (a surface or a part of it is inside out, or what sb_mesh_validate and\nsb_domain_create refuse), SB_ERROR_INDEX, SB_ERROR_UNSUPPORTED (SB_CUSTOM, an element left out by SB_ELEMENT, more\nelements than an int counts), SB_ERROR_MEMORY; *mixture is untouched. Calls `distance` from one thread.',
     'sb_kernel_value': 'W (1/m^3) and dW/dr (1/m^4) at distance r (m, >= 0) for the radius h (m, > 0); 0 for an unknown kernel and where an\nargument is out of range.',
     'sb_particles_create': 'Makes particles. Same bits for any threads. SB_ERROR_ARGUMENT (a field out of range, named), SB_ERROR_NOT_FINITE (a\npoint, a number, or what volumes sum up to), SB_ERROR_MESH (error->node names a particle at the place of another,\nerror->element a point whose neighbours stay in a plane after growing; nothing is inside), SB_ERROR_UNSUPPORTED (a\npoint with more particles than SB_MAX_ELEMENT_NODES), and what sb_grid_create returns; *particles is untouched.',
     'sb_particles_map_points': 'Rows of points[count] (m), in their order, for sb_body_add_mapping, sb_body_add_constraints and sb_mapping_apply: a\npoint is a sum of the positions of its neighbours by moving least squares functions, of four monomials for SPH and\nMLS. In rows, `cells` is the nearest particle and `farthest` the largest distance to it. Points outside are\nextrapolated, SB_ERROR_ARGUMENT names (error->node) the first farther than two spacings from any particle,\nSB_ERROR_NOT_FINITE one that is not finite, SB_ERROR_MESH one whose neighbours do not span space;\nSB_ERROR_MEMORY. *rows is untouched then. Release with sb_grid_rows_free. Source: eqs. 3.36, 3.37, where point-based\nbodies need moving least squares functions of their own.',
