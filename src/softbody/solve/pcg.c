@@ -406,10 +406,15 @@ static void sbi_pcg_find_parts(sbi_pcg_state *s, int joint)
     s->parts[s->part_count].first_chunk = chunks;
 }
 
-/* The parts of the last solve, with the directions that they went along. */
-static void sbi_pcg_keep_parts(sbi_pcg_state *s, int joint)
+/* The parts of the last solve, with the directions that they went along, where it had so many. */
+static void sbi_pcg_keep_parts(sbi_pcg_state *s, int joint, int count)
 {
     sbi_pcg_list_parts(s, joint);
+    s->goes_on = s->part_count == count;
+    if (!s->goes_on) { /* what links them has come or gone */
+        sbi_pcg_find_parts(s, joint);
+        return;
+    }
     for (int c = 0; c < s->part_count; c++) {
         sbi_pcg_part *part = s->parts + c;
         part->drift = -1;
@@ -1045,13 +1050,13 @@ static sb_result sbi_pcg_run_solve(const sb_matrix *matrix, sb_preconditioner *p
     else
         result = sbi_pcg_refine(&state, preconditioner, options, &report);
     *workspace->softest = state.softest;
-    workspace->may_go_on = result == SB_OK && rhs_square > 0 && !state.compact;
+    workspace->parts_left = result == SB_OK && rhs_square > 0 && !state.compact ? state.part_count : 0;
     return sbi_pcg_finish(&state, result, &report, info);
 }
 
 SBI_API int sbi_pcg_may_go_on(const sb_pcg_workspace *workspace, const sbi_guests *guests)
 {
-    return workspace->may_go_on && !(guests && guests->count > 0);
+    return workspace->parts_left > 0 && !(guests && guests->count > 0);
 }
 
 SBI_API sb_result sbi_pcg_go_on(const sb_matrix *matrix, sb_preconditioner *preconditioner, const sb_real *rhs,
@@ -1066,8 +1071,7 @@ SBI_API sb_result sbi_pcg_go_on(const sb_matrix *matrix, sb_preconditioner *prec
         return SB_ERROR_ARGUMENT;
     memset(&report, 0, sizeof report);
     state = sbi_pcg_make_state(matrix, preconditioner, rhs, x, options, workspace);
-    state.goes_on = 1;
-    sbi_pcg_keep_parts(&state, preconditioner && sbi_precond_couples_parts(preconditioner));
+    sbi_pcg_keep_parts(&state, preconditioner && sbi_precond_couples_parts(preconditioner), workspace->parts_left);
     sbi_pcg_begin_parts(&state, &rhs_square, &x_square);
     sbi_pcg_run_square(&state, sbi_pcg_norm_task, 1);
     sbi_pcg_set_targets(&state, options->tolerance, rhs_square);
@@ -1076,7 +1080,7 @@ SBI_API sb_result sbi_pcg_go_on(const sb_matrix *matrix, sb_preconditioner *prec
     else
         result = sbi_pcg_refine(&state, preconditioner, options, &report);
     *workspace->softest = fmax(*workspace->softest, state.softest);
-    workspace->may_go_on = result == SB_OK && rhs_square > 0;
+    workspace->parts_left = result == SB_OK && rhs_square > 0 ? state.part_count : 0;
     return sbi_pcg_finish(&state, result, &report, info);
 }
 
@@ -1407,7 +1411,7 @@ SBI_API sb_result sbi_pcg_solve_guests(const sb_matrix *matrix, sb_preconditione
         sbi_guest_keep_start(g->space.work + k);
     sbi_pcg_find_guest_parts(&state, g, preconditioner && sbi_precond_couples_parts(preconditioner));
     sbi_guest_hold(&g->space, rhs, x);
-    workspace->may_go_on = 0;
+    workspace->parts_left = 0;
     idle = sbi_pcg_begin_guests(&state);
     for (int c = 0; c < state.part_count; c++)
         rhs_square += state.parts[c].rhs_square;

@@ -30,7 +30,7 @@ typedef struct sb_pcg_workspace {
     void *guests; /* internal: what is kept of those that are solved together with the matrix; NULL: there were none */
     size_t guest_bytes;
     const struct sbi_pcg_extra *extra; /* internal: what is added to the matrix; NULL: nothing */
-    int may_go_on;                     /* internal: 1: `residual` is that of the last solve, which succeeded */
+    int parts_left;                    /* internal: parts of the last solve, whose residual is left; 0: it failed */
     double *softest; /* internal: of the last solve, 1 / the smallest eigenvalue of M^-1 A that it saw; 0: none */
     sb_allocator allocator;
 } sb_pcg_workspace;
