@@ -13,8 +13,7 @@
  *     |   / | \   |     |        nodes and with weights and masses times its share. Energies of materials are then
  *     +--/--+--\--+-----+        mixed by volume at one deformation (Voigt), whatever the materials are: nonlinear,
  *     | organ   \ |     |        with fibres, relaxing; so are densities, damping and what else belongs to a region.
- *     +-----+----\+-----+        [thesis of Chentanez 2010, section 2.5: "based on the amount of the overlapped
- * volume"]
+ *     +-----+----\+-----+        [thesis of Chentanez 2010, section 2.5, which names no mean]
  *
  * What comes out is a mesh and a domain for a body, whose materials are set by region as ever:
  *     sb_mixture_def settings = sb_default_mixture_def();
@@ -62,10 +61,9 @@ typedef struct sb_mixture_def {
                              * default 4. Cost of an element: (level + 1)^3 / 6 distances of tets, (level + 1)^3 of hexes */
     sb_real least_share;  /* less than this of an element goes to the region with most of it, [0, 0.5); default 1e-3 */
     sb_mixture_mean mean; /* default SB_MIXTURE_VOIGT */
-    const sb_real
-        *stiffness;             /* [1 + shape_count] > 0: Young's moduli (Pa), or what else is in proportion, of the
-                                 * mesh's   own regions and of the shapes; read where `mean` is not Voigt, and default NULL.
-                                 * All weights of an element are then less by the ratio of both means; masses are not */
+    const sb_real *stiffness;   /* [1 + shape_count] > 0: Young's moduli (Pa), or what else is in proportion, of the
+                                 * mesh's own regions and of the shapes; read where `mean` is not Voigt; default NULL. All
+                                 * weights of an element are then less by the ratio of both means; masses are not */
     sb_integration integration; /* points of the elements, as in sb_body_def; default SB_INTEGRATION_AUTO */
     int single_rotation;        /* likewise; default 0 */
     sb_allocator allocator;     /* default malloc */
