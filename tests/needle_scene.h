@@ -91,8 +91,8 @@ static inline sb_vec3 needle_scene_placed(sb_vec3 x)
 
 static inline int needle_scene_is_side(const needle_scene *s, sb_vec3 x)
 {
-    sb_real edge = REAL(1e-5) * s->size.x;
-    return x.x < edge || x.y < edge || x.x > s->size.x - edge || x.y > s->size.y - edge;
+    sb_real margin = REAL(1e-5) * s->size.x;
+    return x.x < margin || x.y < margin || x.x > s->size.x - margin || x.y > s->size.y - margin;
 }
 
 static inline int needle_scene_make_mesh(needle_scene *s, int *fixed)

@@ -435,6 +435,8 @@ static int sbi_mixture_make_shares(double least, int count, int *regions, double
 {
     double sum = 0, rest = 1;
     int largest = 0, kept = 1;
+    if (count == 0)
+        return 0;
     for (int k = 0; k < count; k++) {
         sum += volumes[k];
         largest = volumes[k] > volumes[largest] ? k : largest;
