@@ -423,12 +423,15 @@ static void sbi_pcg_keep_parts(sbi_pcg_state *s, int joint, int count)
     }
 }
 
-/* x = 0 of the parts whose rhs is 0. */
+/* x = 0 of the parts whose rhs is 0, and nothing is left over of them. */
 static void sbi_pcg_clear_idle(const sbi_pcg_state *s)
 {
     for (int c = 0; c < s->part_count; c++)
-        for (int k = s->part_start[c]; s->parts[s->parts[c].head].rhs_square == 0 && k < s->part_start[c + 1]; k++)
-            memset(s->x + 3 * (size_t)(s->part_rows ? s->part_rows[k] : k), 0, 3 * sizeof(sb_real));
+        for (int k = s->part_start[c]; s->parts[s->parts[c].head].rhs_square == 0 && k < s->part_start[c + 1]; k++) {
+            size_t row = 3 * (size_t)(s->part_rows ? s->part_rows[k] : k);
+            memset(s->x + row, 0, 3 * sizeof(sb_real));
+            memset(s->r + row, 0, 3 * sizeof(sb_real));
+        }
 }
 
 /* Sum of r over the rows of a part, on its loose axes; its square. */
