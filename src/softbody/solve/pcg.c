@@ -103,7 +103,7 @@ typedef struct sbi_pcg_state {
     sbi_guest_space *guests;    /* NULL: none */
     const sbi_pcg_extra *extra; /* NULL: nothing */
     int has_plain;              /* 1: parts are plain */
-    int goes_on;                /* 1: r, p and q are those that the last solve left */
+    int goes_on;                /* 1: r is what the last solve left, and not deflated */
     double extra_sum;           /* p.Cp */
     double softest;             /* largest of the parts' and rounds' */
     const sb_jobs *jobs;
@@ -379,21 +379,16 @@ static double sbi_pcg_whole_square(const sbi_pcg_state *s)
 }
 
 /* The parts of the matrix, or all of it as one where the preconditioner couples them. */
-static void sbi_pcg_list_parts(sbi_pcg_state *s, int joint)
+static void sbi_pcg_find_parts(sbi_pcg_state *s, int joint)
 {
     const sb_matrix *a = s->matrix;
+    int chunks = 0;
     sbi_matrix_list_parts(a);
     s->part_count = joint || s->extra ? 1 : a->part_count;
     s->whole[0] = 0;
     s->whole[1] = a->row_count;
     s->part_rows = s->part_count > 1 ? a->part_rows : NULL;
     s->part_start = s->part_count > 1 ? a->part_start : s->whole;
-}
-
-static void sbi_pcg_find_parts(sbi_pcg_state *s, int joint)
-{
-    int chunks = 0;
-    sbi_pcg_list_parts(s, joint);
     for (int c = 0; c < s->part_count; c++) {
         memset(s->parts + c, 0, sizeof *s->parts);
         s->parts[c].first_chunk = chunks;
@@ -406,29 +401,15 @@ static void sbi_pcg_find_parts(sbi_pcg_state *s, int joint)
     s->parts[s->part_count].first_chunk = chunks;
 }
 
-/* The parts of the last solve, with the directions that they went along, where it had so many. */
-static void sbi_pcg_keep_parts(sbi_pcg_state *s, int joint, int count)
-{
-    sbi_pcg_list_parts(s, joint);
-    s->goes_on = s->part_count == count;
-    if (!s->goes_on) { /* what links them has come or gone */
-        sbi_pcg_find_parts(s, joint);
-        return;
-    }
-    for (int c = 0; c < s->part_count; c++) {
-        sbi_pcg_part *part = s->parts + c;
-        part->drift = -1;
-        part->done = part->eager = part->stuck = part->faint = 0;
-        s->has_plain |= part->plain;
-    }
-}
-
-/* x = 0 of the parts whose rhs is 0. */
+/* x = 0 of the parts whose rhs is 0, and nothing is left over of them. */
 static void sbi_pcg_clear_idle(const sbi_pcg_state *s)
 {
     for (int c = 0; c < s->part_count; c++)
-        for (int k = s->part_start[c]; s->parts[s->parts[c].head].rhs_square == 0 && k < s->part_start[c + 1]; k++)
-            memset(s->x + 3 * (size_t)(s->part_rows ? s->part_rows[k] : k), 0, 3 * sizeof(sb_real));
+        for (int k = s->part_start[c]; s->parts[s->parts[c].head].rhs_square == 0 && k < s->part_start[c + 1]; k++) {
+            size_t row = 3 * (size_t)(s->part_rows ? s->part_rows[k] : k);
+            memset(s->x + row, 0, 3 * sizeof(sb_real));
+            memset(s->r + row, 0, 3 * sizeof(sb_real));
+        }
 }
 
 /* Sum of r over the rows of a part, on its loose axes; its square. */
@@ -1071,7 +1052,8 @@ SBI_API sb_result sbi_pcg_go_on(const sb_matrix *matrix, sb_preconditioner *prec
         return SB_ERROR_ARGUMENT;
     memset(&report, 0, sizeof report);
     state = sbi_pcg_make_state(matrix, preconditioner, rhs, x, options, workspace);
-    sbi_pcg_keep_parts(&state, preconditioner && sbi_precond_couples_parts(preconditioner), workspace->parts_left);
+    sbi_pcg_find_parts(&state, preconditioner && sbi_precond_couples_parts(preconditioner));
+    state.goes_on = state.part_count == workspace->parts_left; /* else what links them has come or gone */
     sbi_pcg_begin_parts(&state, &rhs_square, &x_square);
     sbi_pcg_run_square(&state, sbi_pcg_norm_task, 1);
     sbi_pcg_set_targets(&state, options->tolerance, rhs_square);
