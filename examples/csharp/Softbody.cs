@@ -1029,7 +1029,6 @@ public unsafe struct sb_pcg_workspace
     public void* guests;
     public UIntPtr guest_bytes;
     public IntPtr extra;
-    public int parts_left;
     public double* softest;
     public sb_allocator allocator;
 }

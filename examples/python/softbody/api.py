@@ -984,7 +984,6 @@ sb_pcg_workspace._fields_ = [
     ("guests", c_void_p),
     ("guest_bytes", c_size_t),
     ("extra", c_void_p),
-    ("parts_left", c_int),
     ("softest", POINTER(c_double)),
     ("allocator", sb_allocator),
 ]

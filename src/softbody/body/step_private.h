@@ -193,10 +193,7 @@ SBI_API int sbi_step_is_linear(const sb_body *body);
 /* Tolerance of this iteration's linear solve. */
 SBI_API sb_real sbi_step_linear_tolerance(const sbi_step *step);
 /* Once, as the matrix is; current: the preconditioner was made of this very matrix. */
-/* What a solve begins with: a preconditioner of this very matrix, one of a matrix before it changed, or what the last
- * solve left, in which the residual has been made that of this system. */
-typedef enum sbi_step_start_kind { SBI_STEP_CURRENT = 1, SBI_STEP_ANEW = 2, SBI_STEP_GOES_ON = 3 } sbi_step_start_kind;
-SBI_API sb_result sbi_step_solve_once(sbi_step *step, sb_real tolerance, sbi_step_start_kind start);
+SBI_API sb_result sbi_step_solve_once(sbi_step *step, sb_real tolerance, int current);
 /* Reactions: r on supported axes. Of a linearised step r + A du, since its r is the one before du. Less guests'
  * forces. */
 SBI_API void sbi_step_reactions(const sbi_step *step);

@@ -6,9 +6,6 @@
 
 enum { SBI_TOUCH_CUTS = 8 }; /* evaluations of a line search */
 
-/* What a system may leave beside what contact's forces differ by, of that. */
-#define SBI_TOUCH_SHARE 0.3
-
 static double sbi_touch_dot(const sbi_touch *touch, const sb_vec3 *a, const sb_vec3 *b)
 {
     double sum = 0;
@@ -165,22 +162,12 @@ static double sbi_step_search_touch(sbi_step *step, sb_real tolerance)
 
 /* ---- the iteration ---- */
 
-/* 1: what a system leaves over is counted beside what contact's forces differ by, and the next one goes on from it. */
-static int sbi_step_touch_goes_on(const sbi_step *step)
-{
-    return step->touch->foresees && !step->body->elimination && step->guests.count == 0;
-}
-
 /* What the solve may leave, of the norm of its right-hand side, which has K x in it: a share of what the step's
- * tolerance admits. More near the end, where it is counted; but not the last that is allowed for, since nothing mends
- * what contact makes of it. */
+ * tolerance admits. */
 static sb_real sbi_step_touch_tolerance(const sbi_step *step, sb_real tolerance)
 {
     const sb_body *b = step->body;
-    const sb_real late = (sb_real)0.05;
-    const int is_counted =
-        sbi_step_touch_goes_on(step) && tolerance < late && step->touch->iterations < step->touch->max_iterations;
-    const double share = is_counted ? 0.5 : SBI_TOUCH_SHARE;
+    const double share = 0.3;
     double rhs = 0;
     for (int i = 0; i < b->domain.node_count; i++) {
         sb_vec3 v = sbi_body_pick_axes(sbi_body_held(b, i), sb_v3(0, 0, 0), b->rhs[i]);
@@ -215,69 +202,18 @@ static sb_real sbi_step_touch_news(const sbi_step *step)
     return size > 0 ? (sb_real)fmin(1, sqrt(sum) / size) : 0;
 }
 
-/* What the first system leaves of what is new in contact's forces: a tenth. A third is asked for where it costs little
- * to go on from it, unless nearly all is new, as in a blow. */
-static sb_real sbi_step_touch_first(const sbi_step *step)
-{
-    sb_real news = sbi_step_touch_news(step);
-    return sbi_step_touch_goes_on(step) && news < (sb_real)0.5 ? (sb_real)0.3 * news : (sb_real)0.1 * news;
-}
-
-/* What this system is solved to: a share of what its forces will yet change by, the last as well as the step asks.
- * Where bounds were foreseen each leaves some seventh of what the one before left: one that may be the last is solved
- * as such. */
+/* What this system is solved to: a share of what its forces will yet change by, the last as well as the step asks. Of
+ * forces that are new the first system leaves some tenth. Where bounds were foreseen each leaves some seventh of what
+ * the one before left: one that may be the last is solved as such. */
 static sb_real sbi_step_touch_aim(const sbi_step *step)
 {
     const sbi_touch *touch = step->touch;
-    const sb_real share = (sb_real)SBI_TOUCH_SHARE, last = touch->foresees ? (sb_real)3 : 1;
+    const sb_real share = (sb_real)0.3, last = touch->foresees ? (sb_real)3 : 1;
     sb_real tolerance = step->linear_tolerance, expected;
     if (touch->touching == 0 || touch->iterations == touch->max_iterations)
         return tolerance;
-    expected = touch->iterations > 1 ? touch->residual : sbi_step_touch_first(step);
+    expected = touch->iterations > 1 ? touch->residual : (sb_real)0.1 * sbi_step_touch_news(step);
     return share * expected > last * tolerance ? share * expected : tolerance;
-}
-
-/* The residual of the system that was solved becomes that of the next one at the same increment: K x cancels there,
- * which leaves what contact's forces have changed by. 0: it is not known. */
-static int sbi_step_change_residual(sbi_step *step, double share)
-{
-    sb_body *b = step->body;
-    const sbi_touch *touch = step->touch;
-    sb_vec3 *residual = (sb_vec3 *)(void *)b->pcg.residual;
-    if (share != 1 || b->elimination || !sbi_pcg_may_go_on(&b->pcg, &step->guests))
-        return 0;
-    for (int k = 0; k < touch->node_count; k++) {
-        int node = touch->nodes[k];
-        sb_vec3 change = sb_v3_sub(touch->force[k], touch->left[k]);
-        change = sbi_body_pick_axes(b->fixed[node], sb_v3(0, 0, 0), change);
-        residual[node] = sb_v3_add(residual[node], change);
-    }
-    return 1;
-}
-
-/* 1 when all that is left over, contact's forces being those of the new increment, is no more than where a system and
- * they each leave what they may. */
-static int sbi_step_touch_is_balanced(const sbi_step *step, sb_real tolerance)
-{
-    const sb_body *b = step->body;
-    const sb_vec3 *residual = (const sb_vec3 *)(const void *)b->pcg.residual;
-    double sum = 0;
-    for (int i = 0; i < b->domain.node_count; i++)
-        sum += (double)residual[i].x * (double)residual[i].x + (double)residual[i].y * (double)residual[i].y +
-               (double)residual[i].z * (double)residual[i].z;
-    return sqrt(sum) <= (1 + SBI_TOUCH_SHARE) * (double)tolerance * sbi_step_touch_scale(step);
-}
-
-/* Whether the increment may stand: nothing was left of the way, and forces differ by no more than the step's tolerance.
- * aim: what the system was solved to; known: what is left of it is in the residual. */
-static int sbi_step_touch_is_done(const sbi_step *step, double share, sb_real aim, int known)
-{
-    sb_real tolerance = step->linear_tolerance;
-    if (share != 1 || step->touch->residual > tolerance)
-        return 0;
-    if (known && sbi_step_touch_goes_on(step) && step->touch->residual > 0) /* 0: it is rounding */
-        return sbi_step_touch_is_balanced(step, tolerance);
-    return aim <= tolerance;
 }
 
 static sb_result sbi_step_solve_touch(sbi_step *step)
@@ -285,23 +221,19 @@ static sb_result sbi_step_solve_touch(sbi_step *step)
     sb_body *b = step->body;
     sbi_touch *touch = step->touch;
     sb_real tolerance = step->linear_tolerance;
-    sbi_step_start_kind start = SBI_STEP_CURRENT;
     for (touch->iterations = 1;; touch->iterations++) {
         sb_result result;
         sb_real aim = sbi_step_touch_aim(step);
         double share;
-        int known;
         memcpy(b->previous, b->increment, (size_t)b->domain.node_count * sizeof(sb_vec3));
-        result = sbi_step_solve_once(step, sbi_step_touch_tolerance(step, aim), start);
+        result = sbi_step_solve_once(step, sbi_step_touch_tolerance(step, aim), touch->iterations == 1);
         if (result != SB_OK)
             return result;
         share = sbi_step_search_touch(step, tolerance);
         sbi_step_end_way(step);
-        known = sbi_step_change_residual(step, share);
-        touch->capped = !sbi_step_touch_is_done(step, share, aim, known);
+        touch->capped = !(share == 1 && touch->residual <= tolerance && aim <= tolerance);
         if (!touch->capped || touch->iterations >= touch->max_iterations)
             break;
-        start = known ? SBI_STEP_GOES_ON : SBI_STEP_ANEW;
         sbi_step_renew_touch(step);
     }
     if (b->elimination)
@@ -316,7 +248,7 @@ SBI_API sb_result sbi_step_solve_system(sbi_step *step)
     if (step->touch && step->linearised)
         result = sbi_step_solve_touch(step);
     else
-        result = sbi_step_solve_once(step, sbi_step_linear_tolerance(step), SBI_STEP_CURRENT);
+        result = sbi_step_solve_once(step, sbi_step_linear_tolerance(step), 1);
     step->info->seconds_solve += sbi_body_now(step->body) - begin;
     step->info->newton_iterations++;
     return result;

@@ -242,7 +242,7 @@ SBI_API sb_result sbi_step_make_system(sbi_step *step)
     return result;
 }
 
-SBI_API sb_result sbi_step_solve_once(sbi_step *step, sb_real tolerance, sbi_step_start_kind start)
+SBI_API sb_result sbi_step_solve_once(sbi_step *step, sb_real tolerance, int current)
 {
     sb_body *b = step->body;
     sb_step_info *info = step->info;
@@ -257,12 +257,8 @@ SBI_API sb_result sbi_step_solve_once(sbi_step *step, sb_real tolerance, sbi_ste
     options.tolerance = (double)tolerance;
     options.max_iterations = step->max_iterations;
     options.jobs = &b->jobs;
-    if (start == SBI_STEP_GOES_ON)
-        result = sbi_pcg_go_on(&b->matrix, b->precond, &b->rhs[0].x, &b->increment[0].x, &options, &b->pcg, &pcg);
-    else
-        result =
-            sbi_pcg_solve_guests(e ? &e->matrix : &b->matrix, e ? e->precond : b->precond, &b->rhs[0].x,
-                                 &b->increment[0].x, &step->guests, &options, &b->pcg, start == SBI_STEP_CURRENT, &pcg);
+    result = sbi_pcg_solve_guests(e ? &e->matrix : &b->matrix, e ? e->precond : b->precond, &b->rhs[0].x,
+                                  &b->increment[0].x, &step->guests, &options, &b->pcg, current, &pcg);
     b->pcg.extra = NULL;
     info->pcg_iterations += pcg.iterations;
     step->slow = !step->dynamic && !step->starts && pcg.iterations > SBI_STATIC_SLOW;

@@ -53,7 +53,7 @@ static void sbi_within_cross(sbi_within_line *line, int face, const sb_vec3 corn
 {
     const sb_vec3 a = corners[0], b = corners[1], c = corners[2];
     int turns = sbi_within_edge(a, b) + sbi_within_edge(b, c) + sbi_within_edge(c, a);
-    sb_real ahead;
+    sb_real ahead, far, distance;
     sb_vec3 n;
     if (turns == 0)
         return;
@@ -62,9 +62,13 @@ static void sbi_within_cross(sbi_within_line *line, int face, const sb_vec3 corn
     if (!(ahead * (sb_real)turns > 0))
         return;
     line->sum += turns;
-    if (turns < 0 || !(ahead < n.x * line->distance))
+    if (turns < 0 || !(n.x > 0))
         return;
-    line->distance = ahead / n.x;
+    far = sb_max(a.x, sb_max(b.x, c.x)); /* where rounding would take it farther */
+    distance = ahead < n.x * far ? ahead / n.x : far;
+    if (distance >= line->distance)
+        return;
+    line->distance = distance;
     line->face = face;
 }
 

@@ -103,7 +103,6 @@ typedef struct sbi_pcg_state {
     sbi_guest_space *guests;    /* NULL: none */
     const sbi_pcg_extra *extra; /* NULL: nothing */
     int has_plain;              /* 1: parts are plain */
-    int goes_on;                /* 1: r is what the last solve left, and not deflated */
     double extra_sum;           /* p.Cp */
     double softest;             /* largest of the parts' and rounds' */
     const sb_jobs *jobs;
@@ -401,15 +400,12 @@ static void sbi_pcg_find_parts(sbi_pcg_state *s, int joint)
     s->parts[s->part_count].first_chunk = chunks;
 }
 
-/* x = 0 of the parts whose rhs is 0, and nothing is left over of them. */
+/* x = 0 of the parts whose rhs is 0. */
 static void sbi_pcg_clear_idle(const sbi_pcg_state *s)
 {
     for (int c = 0; c < s->part_count; c++)
-        for (int k = s->part_start[c]; s->parts[s->parts[c].head].rhs_square == 0 && k < s->part_start[c + 1]; k++) {
-            size_t row = 3 * (size_t)(s->part_rows ? s->part_rows[k] : k);
-            memset(s->x + row, 0, 3 * sizeof(sb_real));
-            memset(s->r + row, 0, 3 * sizeof(sb_real));
-        }
+        for (int k = s->part_start[c]; s->parts[s->parts[c].head].rhs_square == 0 && k < s->part_start[c + 1]; k++)
+            memset(s->x + 3 * (size_t)(s->part_rows ? s->part_rows[k] : k), 0, 3 * sizeof(sb_real));
 }
 
 /* Sum of r over the rows of a part, on its loose axes; its square. */
@@ -553,42 +549,19 @@ static int sbi_pcg_find_indefinite(sbi_pcg_state *s, sb_result *result)
     return made ? -made : found;
 }
 
-static void sbi_pcg_begin_anew(sbi_pcg_state *s)
-{
-    s->goes_on = 0;
-    for (int c = 0; c < s->part_count; c++)
-        s->parts[c].fresh = 1;
-}
-
-/* 1 when what is not deflated spoils the iteration in some part: a preconditioner with a coarse space is sure to be
- * positive definite only for what is, and leaves of the rest 1 - alpha times as much in each turn. */
-static int sbi_pcg_is_lost(const sbi_pcg_state *s)
-{
-    const double growth = 2;
-    for (const sbi_pcg_part *part = s->parts; part < s->parts + s->part_count; part++)
-        if (!part->done && !(sbi_pcg_sum(s, part, 0) > 0 && part->square <= growth * growth * part->before))
-            return 1;
-    return 0;
-}
-
 /* Takes the sums of r.z and q.z and sets what p goes on with. SB_ERROR_NOT_CONVERGED: with the preconditioner softened,
- * without it in some parts or deflated, try again. */
+ * or without it in some parts, try again. */
 static sb_result sbi_pcg_turn(sbi_pcg_state *s, sb_preconditioner *preconditioner)
 {
     sb_result result = SB_OK;
-    int indefinite;
-    if (s->goes_on && sbi_pcg_is_lost(s)) {
-        sbi_pcg_deflate(s, preconditioner);
-        sbi_pcg_begin_anew(s);
-        return SB_ERROR_NOT_CONVERGED;
-    }
-    indefinite = sbi_pcg_find_indefinite(s, &result);
+    int indefinite = sbi_pcg_find_indefinite(s, &result);
     if (result != SB_OK || indefinite < 0)
         return result != SB_OK ? result : SB_ERROR_NOT_CONVERGED;
     if (indefinite) {
         if (!preconditioner || !sbi_precond_soften(preconditioner))
             return SB_ERROR_INDEFINITE;
-        sbi_pcg_begin_anew(s);
+        for (int c = 0; c < s->part_count; c++)
+            s->parts[c].fresh = 1;
         return SB_ERROR_NOT_CONVERGED;
     }
     for (sbi_pcg_part *part = s->parts; part < s->parts + s->part_count; part++) {
@@ -872,8 +845,7 @@ static sb_result sbi_pcg_refine(sbi_pcg_state *s, sb_preconditioner *preconditio
         sbi_pcg_verdict verdict;
         if (sbi_pcg_all_meet(s))
             return sbi_pcg_success(s);
-        if (!s->goes_on || round > 0)
-            sbi_pcg_deflate(s, preconditioner);
+        sbi_pcg_deflate(s, preconditioner);
         if (!sbi_pcg_is_finite(sbi_pcg_whole_square(s)))
             return SB_ERROR_DIVERGED;
         sbi_pcg_set_goals(s);
@@ -1031,38 +1003,6 @@ static sb_result sbi_pcg_run_solve(const sb_matrix *matrix, sb_preconditioner *p
     else
         result = sbi_pcg_refine(&state, preconditioner, options, &report);
     *workspace->softest = state.softest;
-    workspace->parts_left = result == SB_OK && rhs_square > 0 && !state.compact ? state.part_count : 0;
-    return sbi_pcg_finish(&state, result, &report, info);
-}
-
-SBI_API int sbi_pcg_may_go_on(const sb_pcg_workspace *workspace, const sbi_guests *guests)
-{
-    return workspace->parts_left > 0 && !(guests && guests->count > 0);
-}
-
-SBI_API sb_result sbi_pcg_go_on(const sb_matrix *matrix, sb_preconditioner *preconditioner, const sb_real *rhs,
-                                sb_real *x, const sb_pcg_options *options, sb_pcg_workspace *workspace,
-                                sb_pcg_info *info)
-{
-    sb_pcg_info report;
-    sbi_pcg_state state;
-    sb_result result;
-    double rhs_square, x_square;
-    if (!sbi_pcg_valid(matrix, preconditioner, rhs, x, options, workspace))
-        return SB_ERROR_ARGUMENT;
-    memset(&report, 0, sizeof report);
-    state = sbi_pcg_make_state(matrix, preconditioner, rhs, x, options, workspace);
-    sbi_pcg_find_parts(&state, preconditioner && sbi_precond_couples_parts(preconditioner));
-    state.goes_on = state.part_count == workspace->parts_left; /* else what links them has come or gone */
-    sbi_pcg_begin_parts(&state, &rhs_square, &x_square);
-    sbi_pcg_run_square(&state, sbi_pcg_norm_task, 1);
-    sbi_pcg_set_targets(&state, options->tolerance, rhs_square);
-    if (!sbi_pcg_is_finite(rhs_square) || !sbi_pcg_is_finite(sbi_pcg_whole_square(&state)))
-        result = SB_ERROR_DIVERGED;
-    else
-        result = sbi_pcg_refine(&state, preconditioner, options, &report);
-    *workspace->softest = fmax(*workspace->softest, state.softest);
-    workspace->parts_left = result == SB_OK && rhs_square > 0 ? state.part_count : 0;
     return sbi_pcg_finish(&state, result, &report, info);
 }
 
@@ -1339,7 +1279,7 @@ static void sbi_pcg_guess_guests(sbi_pcg_state *s)
 }
 
 /* After guests have changed their rows. */
-static void sbi_pcg_resume(sbi_pcg_state *s, int trials)
+static void sbi_pcg_go_on(sbi_pcg_state *s, int trials)
 {
     for (sbi_pcg_part *part = s->parts; part < s->parts + s->part_count; part++) {
         part->stuck = 0;
@@ -1359,7 +1299,7 @@ static sb_result sbi_pcg_settle(sbi_pcg_state *s, sb_preconditioner *preconditio
             result = sbi_pcg_refine(s, preconditioner, options, info);
         if ((result != SB_OK && result != SB_ERROR_NOT_CONVERGED) || info->capped || !sbi_guest_settle(s->guests, s->x))
             return result;
-        sbi_pcg_resume(s, trials);
+        sbi_pcg_go_on(s, trials);
     }
 }
 
@@ -1393,7 +1333,6 @@ SBI_API sb_result sbi_pcg_solve_guests(const sb_matrix *matrix, sb_preconditione
         sbi_guest_keep_start(g->space.work + k);
     sbi_pcg_find_guest_parts(&state, g, preconditioner && sbi_precond_couples_parts(preconditioner));
     sbi_guest_hold(&g->space, rhs, x);
-    workspace->parts_left = 0;
     idle = sbi_pcg_begin_guests(&state);
     for (int c = 0; c < state.part_count; c++)
         rhs_square += state.parts[c].rhs_square;

@@ -30,7 +30,6 @@ typedef struct sb_pcg_workspace {
     void *guests; /* internal: what is kept of those that are solved together with the matrix; NULL: there were none */
     size_t guest_bytes;
     const struct sbi_pcg_extra *extra; /* internal: what is added to the matrix; NULL: nothing */
-    int parts_left;                    /* internal: parts of the last solve, whose residual is left; 0: it failed */
     double *softest; /* internal: of the last solve, 1 / the smallest eigenvalue of M^-1 A that it saw; 0: none */
     sb_allocator allocator;
 } sb_pcg_workspace;
@@ -96,17 +95,6 @@ typedef struct sbi_pcg_extra {
 SBI_API sb_result sbi_pcg_solve_current(const sb_matrix *matrix, sb_preconditioner *preconditioner, const sb_real *rhs,
                                         sb_real *x, const sb_pcg_options *options, sb_pcg_workspace *workspace,
                                         sb_pcg_info *info);
-
-/* 1: sbi_pcg_go_on may follow the last solve. */
-SBI_API int sbi_pcg_may_go_on(const sb_pcg_workspace *workspace, const sbi_guests *guests);
-/* Solves a system that differs in a few rows from the one that the last solve of this workspace, which was without
- * guests, has solved: x is its solution, to whose residual in workspace->residual the owner has added what the new
- * system's differs by, so that no product is needed. The iteration begins without deflation: of what has changed in few
- * rows the coarse space holds little. It begins with a direction of its own: along the last one, to which the new
- * residual is not orthogonal, a good preconditioner takes a hundred times as many iterations. */
-SBI_API sb_result sbi_pcg_go_on(const sb_matrix *matrix, sb_preconditioner *preconditioner, const sb_real *rhs,
-                                sb_real *x, const sb_pcg_options *options, sb_pcg_workspace *workspace,
-                                sb_pcg_info *info);
 
 /* Takes what solves with these guests need beside the workspace, which keeps it for others that need no more; to be
  * called whenever guests, their sizes or nodes, or the pattern of the matrix have changed. SB_ERROR_ARGUMENT,
