@@ -224,6 +224,62 @@ static void adverse_nowhere(unsigned long long number)
     press_free(&o.p);
 }
 
+/* Sent so far that its place is no longer known to its radius, and back into the organ: it is refused, or stops at the
+ * surface as one that comes from near by. */
+static void adverse_far(unsigned long long number)
+{
+    organ o;
+    sb_vec3 chain[2], middle;
+    sb_tool_def def;
+    int tool, kind = (int)(number % 3), refused = 0, taken = 0;
+    organ_make(&o, number, 1);
+    middle = sb_v3_scale(REAL(0.5), sb_v3_add(o.low, o.high));
+    def = make_tool(&o, kind, sb_max(o.size / 6, o.longest / 2), chain,
+                    sb_v3_madd(o.high, 4 * sb_max(o.size, o.longest), o.up));
+    tool = press_add(&o.p, &def);
+    for (int i = 0; i < 12; i++) {
+        const double sizes = pow(10, i == 0 ? 3 : check_random_in(&o.seed, 3, SB_REAL_IS_FLOAT ? 30 : 90));
+        const sb_vec3 at = sb_v3_scale(REAL(sizes * (double)o.size), random_direction(&o.seed));
+        const sb_pose pose = press_pose(at, random_turn(&o.seed));
+        const uint64_t hash = sb_body_state_hash(o.p.body);
+        sb_tool_def other = def;
+        int made = -1;
+        sb_result result = sb_contact_move_tool(o.p.contact, tool, &pose);
+        other.pose = pose;
+        CHECK(result == SB_OK ? sizes * (double)(o.size / def.radius) < 0.02 / (double)SB_EPSILON : sizes > 1e3);
+        if (result != SB_OK) {
+            sb_error error;
+            refused++;
+            CHECK_RESULT(result, SB_ERROR_ARGUMENT);
+            CHECK_RESULT(sb_contact_place_tool(o.p.contact, tool, &pose, &error), SB_ERROR_ARGUMENT);
+            CHECK(strstr(error.message, "far") != NULL);
+            CHECK_RESULT(sb_contact_add_tool(o.p.contact, &other, &made, &error), SB_ERROR_ARGUMENT);
+            CHECK(made == -1 && sb_body_state_hash(o.p.body) == hash);
+            continue;
+        }
+        taken++;
+        for (int k = 0; k < 3; k++)
+            CHECK(press_try_step(&o.p, (double)o.dt));
+        press_move(&o.p, tool, middle, pose.rotation);
+        for (int k = 0; k < 3; k++) {
+            sb_contact_info info;
+            CHECK(press_try_step(&o.p, (double)o.dt));
+            info = sb_contact_get_info(o.p.contact);
+            CHECK(info.inside == 0 && info.deepest < def.radius);
+        }
+    }
+    CHECK(taken > 0 && refused > 0);
+    if (kind == 1) { /* the same of a point of its chain */
+        const sb_vec3 way = sb_v3(REAL(1e30), 0, 0), points[2] = {chain[0], sb_v3_scale(o.size, way)};
+        const uint64_t hash = sb_body_state_hash(o.p.body);
+        CHECK_RESULT(sb_contact_bend_tool(o.p.contact, tool, points), SB_ERROR_ARGUMENT);
+        CHECK(sb_body_state_hash(o.p.body) == hash);
+    }
+    take_away(&o, tool);
+    check_recovers(&o);
+    press_free(&o.p);
+}
+
 /* ---- tools that jump and squeeze ---- */
 
 /* 0.3 m a frame of an organ of 0.1 m. */
@@ -350,9 +406,10 @@ static void for_organs(void (*adverse)(unsigned long long number), int few)
 static void test_inside(void) { for_organs(adverse_inside, 3); }
 static void test_thin(void) { for_organs(adverse_thin, 3); }
 static void test_nowhere(void) { for_organs(adverse_nowhere, 3); }
+static void test_far(void) { for_organs(adverse_far, 3); }
 static void test_jumps(void) { for_organs(adverse_jumps, 3); }
 static void test_squeeze(void) { for_organs(adverse_squeeze, 3); }
 static void test_inverted(void) { for_organs(adverse_inverted, 3); }
 
 CHECK_SUITE(contact_adverse, {"made inside", test_inside}, {"too thin", test_thin}, {"nowhere", test_nowhere},
-            {"jumps", test_jumps}, {"squeezed", test_squeeze}, {"inside out", test_inverted});
+            {"far", test_far}, {"jumps", test_jumps}, {"squeezed", test_squeeze}, {"inside out", test_inverted});

@@ -269,31 +269,67 @@ static void watched_brake(void *user, const sb_vec3 *u, sb_vec3 *v)
 /* ---- lists of what samples look at --------------------------------------------------------------------------------
  */
 
-/* 1 when a face's own rule holds a sample of another, whatever list it is in. */
-static int rule_holds(const sb_contact *c, int face, int other, const sb_real *weights)
+/* A sample of a face against another, where the step begins. */
+typedef struct look {
+    sb_vec3 at, x[SB_MAX_FACE_NODES];
+    double height, beside, away; /* m */
+} look;
+
+static look look_at(const sb_contact *c, int face, int other, const sb_real *weights)
 {
     const sbi_contact_faces *faces = c->faces;
     const int size = faces->sizes[other], *nodes = sbi_contact_face_nodes(faces, other);
-    const sb_vec3 at = sbi_contact_mean(weights, sbi_contact_face_nodes(faces, face), faces->sizes[face], c->x);
     const sb_vec3 n = sbi_pairs_face_normal(c, other);
-    sb_vec3 x[SB_MAX_FACE_NODES], way;
-    sb_real height, beside, lean;
+    sb_vec3 way;
     sbi_closest closest;
+    look l;
+    l.at = sbi_contact_mean(weights, sbi_contact_face_nodes(faces, face), faces->sizes[face], c->x);
     for (int a = 0; a < size; a++)
-        x[a] = c->x[nodes[a]];
-    sbi_closest_on_face(&faces->kinds[size], x, at, &closest);
-    way = sb_v3_sub(at, closest.point);
-    height = sb_v3_dot(n, way);
-    beside = sb_v3_norm(sbi_contact_tangential(way, n));
-    lean = height > 0 ? SBI_PAIR_LEAN : SBI_PAIR_LEAN_INSIDE;
-    return height <= sbi_pairs_highest(c, face, other) && -height <= sbi_pairs_deepest(c, other) &&
-           beside <= lean * sb_abs(height) + SBI_PAIR_BESIDE * faces->lengths[other];
+        l.x[a] = c->x[nodes[a]];
+    sbi_closest_on_face(&faces->kinds[size], l.x, l.at, &closest);
+    way = sb_v3_sub(l.at, closest.point);
+    l.height = (double)sb_v3_dot(n, way);
+    l.beside = (double)sb_v3_norm(sbi_contact_tangential(way, n));
+    l.away = (double)sb_v3_norm(way);
+    return l;
 }
 
-static int listed;
+/* 1 when a face's own rule holds a sample of another. */
+static int rule_holds(const sb_contact *c, int face, int other, const look *l)
+{
+    const double lean = (double)(l->height > 0 ? SBI_PAIR_LEAN : SBI_PAIR_LEAN_INSIDE);
+    return l->height <= (double)sbi_pairs_highest(c, face, other) &&
+           -l->height <= (double)sbi_pairs_deepest(c, other) &&
+           l->beside <= lean * fabs(l->height) + (double)(SBI_PAIR_BESIDE * c->faces->lengths[other]);
+}
 
-/* Of a face: all that holds a sample of it is in the list of holders, and what is in a list is found among all. */
-static void check_lists(sb_contact *c, int face, int *all)
+/* 1 when a sample comes to a face that looks at its own on its way. */
+static int way_meets(const sb_contact *c, int face, int other, const sb_real *weights, const look *l)
+{
+    const sbi_contact_faces *faces = c->faces;
+    const sbi_contact_kind *kind = &faces->kinds[faces->sizes[other]];
+    const int *nodes = sbi_contact_face_nodes(faces, other);
+    const sb_vec3 *v = c->pairs.still.velocity;
+    const sb_vec3 way = sbi_contact_mean(weights, sbi_contact_face_nodes(faces, face), faces->sizes[face], v);
+    int meets = 0;
+    for (int part = 0; part < sbi_closest_part_count(kind); part++) {
+        sb_vec3 at[3], ways[3];
+        sb_real depth;
+        for (int k = 0; k < 3; k++) {
+            const int a = sbi_closest_part_node(kind, part, k);
+            at[k] = l->x[a];
+            ways[k] = sb_v3_scale(c->pairs.still.dt, v[nodes[a]]);
+        }
+        meets |= sbi_closest_meeting(at, ways, l->at, sb_v3_scale(c->pairs.still.dt, way), &depth) >= 0;
+    }
+    return meets && sbi_pairs_face(c, face, other);
+}
+
+static int listed, behind, coming;
+
+/* Of a face: all that holds a sample of it, that one lies straight behind, or that one comes to is in the lists for
+ * that, and the same is found of each by itself as among all. */
+static void check_lists(sb_contact *c, int face, int *all, int *lists)
 {
     const sbi_pairs *pairs = &c->pairs;
     const sbi_contact_rule *rule = sbi_contact_face_rule(c->faces, face, sbi_pairs_parts(c, face, 0));
@@ -304,17 +340,28 @@ static void check_lists(sb_contact *c, int face, int *all)
             sb_v3_norm(way) < 2 * (pairs->plates[face].radius + pairs->plates[other].radius))
             all[count++] = other;
     }
-    found = sbi_pairs_find_relating(c, face, all, count);
+    found = sbi_pairs_find_related(c, face, all, count);
     for (int k = 0; k < count; k++) {
-        sb_real highest = 0;
-        const int lists = sbi_pairs_relate(c, face, all[k], &highest);
-        const int is_found = place < found && pairs->relating[place] == all[k];
-        int holds = 0;
+        const int is_found = place < found && pairs->related[place].other == all[k];
+        lists[k] = is_found ? pairs->related[place].lists : 0;
         place += is_found;
-        for (int i = 0; i < rule->count; i++)
-            holds |= rule_holds(c, face, all[k], rule->weights + (size_t)i * (size_t)c->faces->sizes[face]);
-        CHECK((is_found || !lists) && (!holds || (lists >> SBI_PAIR_HOLDERS & 1)));
-        listed += holds;
+    }
+    CHECK_INT(place, found);
+    for (int k = 0; k < count; k++) {
+        int wanted = 0;
+        for (int i = 0; i < rule->count; i++) {
+            const sb_real *weights = rule->weights + (size_t)i * (size_t)c->faces->sizes[face];
+            const look l = look_at(c, face, all[k], weights);
+            wanted |= rule_holds(c, face, all[k], &l) << SBI_PAIR_HOLDERS;
+            wanted |= (l.height < 0 && (double)SBI_PAIR_TURNED * l.away < -l.height) << SBI_PAIR_BACKS;
+            wanted |= way_meets(c, face, all[k], weights, &l) << SBI_PAIR_COMERS;
+        }
+        CHECK((wanted & ~lists[k]) == 0);
+        CHECK_INT(sbi_pairs_find_related(c, face, all + k, 1), lists[k] != 0);
+        CHECK(!lists[k] || pairs->related[0].lists == lists[k]);
+        listed += wanted >> SBI_PAIR_HOLDERS & 1;
+        behind += wanted >> SBI_PAIR_BACKS & 1;
+        coming += wanted >> SBI_PAIR_COMERS & 1;
     }
 }
 
@@ -322,12 +369,12 @@ static sb_result (*own_begin)(void *, const sbi_touch_step *, sb_error *);
 
 static sb_result watched_begin(void *user, const sbi_touch_step *step, sb_error *error)
 {
-    enum { EACH = 5 };
+    enum { EACH = 6 };
     sb_contact *c = (sb_contact *)user;
     sb_result result = own_begin(user, step, error);
-    int *all = (int *)malloc((size_t)c->faces->face_end * sizeof *all);
+    int *all = (int *)malloc((size_t)c->faces->face_end * 2 * sizeof *all);
     for (int face = 0; result == SB_OK && face < c->faces->face_end; face += EACH)
-        check_lists(c, face, all);
+        check_lists(c, face, all, all + c->faces->face_end);
     free(all);
     return result;
 }
@@ -434,7 +481,7 @@ static void test_thrown(void)
     for (int i = 0; i < scenes; i++)
         throw_organs((unsigned long long)i, SB_EULER, 0);
     CHECK(held > 0 || scenes < 10);
-    CHECK(listed > 0);
+    CHECK(listed > 0 && behind > 0 && coming > 0);
 }
 
 /* What is taken out of a step's motion does not come back as speed with integrators that damp little. */

@@ -4869,14 +4869,15 @@ public static unsafe class Native
     /// Makes a tool; *tool is its number, the lowest that is free. What sbi_tool_create refuses; SB_ERROR_ARGUMENT: it
     /// overlaps the body by more than half its inner radius (error-&gt;element: the cell of the deepest face), or lies inside
     /// the body, however small it is and whether or not it touches a face (error-&gt;element: the cell of a face near it; of a
-    /// skin that is open: where lines along all axes of space leave it), or max_tools are there; SB_ERROR_UNSUPPORTED: so
-    /// thin that the faces would need too many samples (needle.h is for such).
+    /// skin that is open: where lines along all axes of space leave it), or max_tools are there, or the pose takes it too
+    /// far, see below; SB_ERROR_UNSUPPORTED: so thin that the faces would need too many samples (needle.h is for such).
     /// </summary>
     [DllImport(Library, CallingConvention = CallingConvention.Cdecl)]
     public static extern sb_result sb_contact_add_tool(sb_contact* contact, sb_tool_def* def, int* tool, sb_error* error);
     /// <summary>
-    /// In all calls below SB_ERROR_ARGUMENT: no contact; SB_ERROR_INDEX: no such tool; SB_ERROR_NOT_FINITE: a number that is
-    /// none. Nothing changes then.
+    /// In all calls below SB_ERROR_ARGUMENT: no contact, or a point of the tool would be farther than 1e9 m from the origin,
+    /// or so far that rounding moves it by a hundredth of its radius (of 1 cm in floats: 840 m); SB_ERROR_INDEX: no such
+    /// tool; SB_ERROR_NOT_FINITE: a number that is none. Nothing changes then.
     /// </summary>
     [DllImport(Library, CallingConvention = CallingConvention.Cdecl)]
     public static extern sb_result sb_contact_remove_tool(sb_contact* contact, int tool);

@@ -30,4 +30,11 @@ SBI_FORCE_INLINE sbi_pair sbi_pair_make(sb_real a, sb_real b)
 #define SBI_HAS_PAIRS 0
 #endif
 
+/* A loop over lanes of arrays: gcc would unroll it before it can see vectors in it, and then spill what it unrolled. */
+#if defined(__GNUC__) && !defined(__clang__) && __GNUC__ >= 8
+#define SBI_EACH_LANE(l, count) _Pragma("GCC unroll 1") for (int l = 0; l < (count); l++)
+#else
+#define SBI_EACH_LANE(l, count) for (int l = 0; l < (count); l++)
+#endif
+
 #endif /* SB_LANES_H */

@@ -26,7 +26,8 @@ SBI_API int *sbi_owned_take_ints(sbi_owned *owned, size_t count)
     return (int *)sbi_owned_take(owned, count, sizeof(int));
 }
 
-SBI_API float *sbi_owned_take_floats(sbi_owned *owned, size_t count, size_t width)
+/* A line before them and a line after them are 0. */
+SBI_API float *sbi_owned_take_unset_floats(sbi_owned *owned, size_t count, size_t width)
 {
     const size_t line = SBI_OWNED_LINE / sizeof(float);
     float *floats = NULL;
@@ -34,8 +35,17 @@ SBI_API float *sbi_owned_take_floats(sbi_owned *owned, size_t count, size_t widt
         floats = (float *)sbi_owned_take(owned, count * width + line, sizeof(float));
     if (!floats)
         return NULL;
-    memset(floats, 0, (count * width + 2 * line) * sizeof(float));
+    memset(floats, 0, SBI_OWNED_LINE);
+    memset(floats + line + count * width, 0, SBI_OWNED_LINE);
     return floats + line;
+}
+
+SBI_API float *sbi_owned_take_floats(sbi_owned *owned, size_t count, size_t width)
+{
+    float *floats = sbi_owned_take_unset_floats(owned, count, width);
+    if (floats)
+        memset(floats, 0, count * width * sizeof(float));
+    return floats;
 }
 
 SBI_API void sbi_owned_free(sbi_owned *owned)

@@ -17,6 +17,8 @@ SBI_API void *sbi_owned_take(sbi_owned *owned, size_t count, size_t size);
 SBI_API int *sbi_owned_take_ints(sbi_owned *owned, size_t count);
 /* count * width floats, zeroed, so that what is read a cache line before and past them is a number. */
 SBI_API float *sbi_owned_take_floats(sbi_owned *owned, size_t count, size_t width);
+/* The same of floats that are all written before they are read: only those before and past them are zeroed. */
+SBI_API float *sbi_owned_take_unset_floats(sbi_owned *owned, size_t count, size_t width);
 /* Gives all of them back. */
 SBI_API void sbi_owned_free(sbi_owned *owned);
 

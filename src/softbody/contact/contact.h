@@ -129,11 +129,12 @@ SB_API void sb_contact_destroy(sb_contact *contact); /* NULL is fine */
 /* Makes a tool; *tool is its number, the lowest that is free. What sbi_tool_create refuses; SB_ERROR_ARGUMENT: it
  * overlaps the body by more than half its inner radius (error->element: the cell of the deepest face), or lies inside
  * the body, however small it is and whether or not it touches a face (error->element: the cell of a face near it; of a
- * skin that is open: where lines along all axes of space leave it), or max_tools are there; SB_ERROR_UNSUPPORTED: so
- * thin that the faces would need too many samples (needle.h is for such). */
+ * skin that is open: where lines along all axes of space leave it), or max_tools are there, or the pose takes it too
+ * far, see below; SB_ERROR_UNSUPPORTED: so thin that the faces would need too many samples (needle.h is for such). */
 SB_API sb_result sb_contact_add_tool(sb_contact *contact, const sb_tool_def *def, int *tool, sb_error *error);
-/* In all calls below SB_ERROR_ARGUMENT: no contact; SB_ERROR_INDEX: no such tool; SB_ERROR_NOT_FINITE: a number that is
- * none. Nothing changes then. */
+/* In all calls below SB_ERROR_ARGUMENT: no contact, or a point of the tool would be farther than 1e9 m from the origin,
+ * or so far that rounding moves it by a hundredth of its radius (of 1 cm in floats: 840 m); SB_ERROR_INDEX: no such
+ * tool; SB_ERROR_NOT_FINITE: a number that is none. Nothing changes then. */
 SB_API sb_result sb_contact_remove_tool(sb_contact *contact, int tool);
 /* Where it is to be at the end of the next step. */
 SB_API sb_result sb_contact_move_tool(sb_contact *contact, int tool, const sb_pose *pose);

@@ -17,6 +17,8 @@
 #define SBI_HOLD_FROM ((sb_real)0.6)
 /* Of that: what is left of a sample's way too deep. */
 #define SBI_HOLD_SLACK ((sb_real)0.02)
+/* More than what rounding makes of a way. */
+#define SBI_HOLD_ROUNDED ((sb_real)1.001)
 enum { SBI_HOLD_ROUNDS = 10 };
 
 enum { SBI_HOLD_NODES = 3 * SB_MAX_ELEMENT_NODES }; /* of the cells of a skin's triangle at most */
@@ -257,8 +259,35 @@ static int sbi_hold_takes(const sb_contact *contact, const sbi_pair_sample *s)
     return contact->pairs.organs[s->face] != contact->pairs.organs[s->other];
 }
 
+/* Ways (m) of points that weights of nodes make of these, over the whole step, are no longer than the largest of
+ * nodes; SB_REAL_MAX: that is not known, since nodes follow others. */
+static sb_real sbi_hold_farthest(const sb_contact *contact, const sb_vec3 *u)
+{
+    const sb_vec3 *rest = sb_body_rest_positions(contact->body), *x = sb_body_positions(contact->body);
+    sb_real square = 0;
+    if (contact->skin.source || contact->body->elimination)
+        return SB_REAL_MAX;
+    for (int k = 0; k < contact->node_count; k++) {
+        const int node = contact->nodes[k];
+        const sb_vec3 way = sb_v3_sub(sb_v3_add(rest[node], u[node]), x[node]);
+        square = sb_max(square, sb_v3_dot(way, way));
+    }
+    return SBI_HOLD_ROUNDED * sb_sqrt(square) / contact->level;
+}
+
+/* 1 when no such ways bring a sample too deep. */
+static int sbi_hold_is_far(const sb_contact *contact, const sbi_pair_sample *s, sb_real farthest)
+{
+    const sbi_contact_faces *faces = contact->faces;
+    const sbi_contact_kind *one = &faces->kinds[faces->sizes[s->face]], *two = &faces->kinds[faces->sizes[s->other]];
+    const sb_real spread = one->rules[one->most].spread + two->rules[two->most].spread;
+    return farthest < SB_REAL_MAX &&
+           spread * farthest - sb_v3_dot(s->normal, s->start) < SBI_HOLD_FROM * sbi_pairs_safe_depth(contact, s->other);
+}
+
 SBI_API int sbi_pairs_hold(sb_contact *contact, sb_vec3 *u)
 {
+    const sb_real farthest = sbi_hold_farthest(contact, u);
     int changed = 0, again = 1;
     sbi_hold_begin(contact, u);
     for (int round = 0; again && round < SBI_HOLD_ROUNDS; round++) {
@@ -267,7 +296,7 @@ SBI_API int sbi_pairs_hold(sb_contact *contact, sb_vec3 *u)
             const sbi_pair_sample *s = contact->pairs.samples + i;
             sb_real slack = SBI_HOLD_SLACK * sbi_pairs_safe_depth(contact, s->other), excess;
             sbi_hold_side sides[2];
-            if (!sbi_hold_takes(contact, s))
+            if (!sbi_hold_takes(contact, s) || (!changed && sbi_hold_is_far(contact, s, farthest)))
                 continue;
             sbi_hold_sides(contact, s, sides);
             excess = sbi_hold_excess(contact, s, sides, u, 0);

@@ -8,7 +8,7 @@
 static void sbi_contact_lay_out_pairs(sb_contact *c, sbi_arena *arena)
 {
     size_t faces = (size_t)c->faces->face_room, nodes = (size_t)c->faces->node_room;
-    size_t any = (size_t)sbi_contact_any_room(c);
+    size_t any = (size_t)sbi_contact_any_room(c), sides = (size_t)sbi_pairs_sides(c->faces->face_room);
     sbi_pairs *p = &c->pairs;
     p->cones = (sbi_pair_cone *)sbi_arena_take(arena, faces + SBI_FACE_TREE_LEVELS, sizeof *p->cones);
     p->first_organ = (int *)sbi_arena_take(arena, faces + SBI_FACE_TREE_LEVELS, sizeof(int));
@@ -29,11 +29,9 @@ static void sbi_contact_lay_out_pairs(sb_contact *c, sbi_arena *arena)
     p->still.seen = (sb_vec3 *)sbi_arena_take(arena, nodes, sizeof(sb_vec3));
     p->organs = (int *)sbi_arena_take(arena, faces, sizeof(int));
     p->found = (int *)sbi_arena_take(arena, faces, sizeof(int));
-    for (int list = 0; list < SBI_PAIR_LISTS; list++)
-        p->lists[list] = (int *)sbi_arena_take(arena, faces, sizeof(int));
-    p->relating = (int *)sbi_arena_take(arena, faces, sizeof(int));
-    p->balls = (sbi_pair_ball *)sbi_arena_take(arena, faces, sizeof *p->balls);
-    p->picks = (sbi_pair_pick *)sbi_arena_take(arena, faces, sizeof *p->picks);
+    p->related = (sbi_pair_related *)sbi_arena_take(arena, faces, sizeof *p->related);
+    p->balls = (sbi_pair_balls *)sbi_arena_take(arena, sides, sizeof *p->balls);
+    p->picks = (sbi_pair_picks *)sbi_arena_take(arena, sides, sizeof *p->picks);
     p->slot_of = (int *)sbi_arena_take(arena, faces, sizeof(int));
     p->around = (int *)sbi_arena_take(arena, faces, (size_t)c->faces->width * sizeof(int));
     p->first_face = (int *)sbi_arena_take(arena, nodes + 1, sizeof(int));
@@ -48,6 +46,9 @@ static void sbi_contact_lay_out_pairs(sb_contact *c, sbi_arena *arena)
     p->zone_masses = (sb_vec3 *)sbi_arena_take(arena, any, sizeof(sb_vec3));
     p->zone_held = (sb_vec3 *)sbi_arena_take(arena, any, sizeof(sb_vec3));
     p->node_ways = (sb_vec3 *)sbi_arena_take(arena, any, sizeof(sb_vec3));
+    p->link_nodes = (int *)sbi_arena_take(arena, any, sizeof(int));
+    p->link_in = (sbi_pair_vector *)sbi_arena_take(arena, any, sizeof *p->link_in);
+    p->link_out = (sbi_pair_vector *)sbi_arena_take(arena, any, sizeof *p->link_out);
     if (c->skin.source && (p->kinds & SB_CONTACT_SELF)) {
         p->lips.twins = (int *)sbi_arena_take(arena, faces, sizeof(int));
         p->lips.sheets = (int *)sbi_arena_take(arena, faces, sizeof(int));

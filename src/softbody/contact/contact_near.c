@@ -392,24 +392,36 @@ static void sbi_near_fit_cones(sb_contact *contact)
         }
 }
 
+/* Mean way of a face's nodes, which go by dt v, and how far one strays from it at most (m). */
+SBI_FORCE_INLINE sb_real sbi_near_take_way(const int *nodes, int count, const sb_vec3 *v, sb_real dt, sb_vec3 *mean)
+{
+    const sb_real share = dt / (sb_real)count;
+    sb_vec3 sum = {0, 0, 0};
+    sb_real square = 0;
+    for (int a = 0; a < count; a++)
+        sum = sb_v3_madd(sum, share, v[nodes[a]]);
+    for (int a = 0; a < count; a++) {
+        const sb_vec3 way = sb_v3_sub(sb_v3_scale(dt, v[nodes[a]]), sum);
+        square = sb_max(square, sb_v3_dot(way, way));
+    }
+    *mean = sum;
+    return sb_sqrt(square);
+}
+
 /* Points of curved faces have weights of nodes that sum up to more than 1 in size. */
 SBI_API void sbi_pairs_follow(sb_contact *contact, const sb_vec3 *v, sb_real dt)
 {
     const sbi_contact_faces *faces = contact->faces;
     for (int f = 0; f < faces->face_end; f++) {
-        const int *nodes = sbi_contact_face_nodes(faces, f);
-        int count = faces->sizes[f];
+        const int *nodes = sbi_contact_face_nodes(faces, f), count = faces->sizes[f];
         const sbi_contact_kind *kind = &faces->kinds[count];
         sb_vec3 mean = {0, 0, 0};
-        sb_real square = 0;
-        for (int a = 0; v && a < count; a++)
-            mean = sb_v3_madd(mean, dt / (sb_real)count, v[nodes[a]]);
-        for (int a = 0; v && a < count; a++) {
-            sb_vec3 way = sb_v3_sub(sb_v3_scale(dt, v[nodes[a]]), mean);
-            square = sb_max(square, sb_v3_dot(way, way));
-        }
+        sb_real strays = 0;
+        if (v)
+            strays = count == 3 ? sbi_near_take_way(nodes, 3, v, dt, &mean) /* loops of known length */
+                                : sbi_near_take_way(nodes, count, v, dt, &mean);
         contact->pairs.ways[f] = mean;
-        contact->pairs.spreads[f] = kind->rules[kind->most].spread * sb_sqrt(square);
+        contact->pairs.spreads[f] = kind->rules[kind->most].spread * strays;
     }
 }
 
@@ -509,23 +521,59 @@ static void sbi_near_take_shape(const sb_contact *contact, int face, sbi_near_sh
         shape->corners[a] = contact->x[nodes[a]];
 }
 
-/* Least and most height of a face above the plane of another, but for what either bulges (m); way: from middle to
- * middle. */
-SB_INLINE void sbi_near_heights(const sbi_near_shape *shape, const sbi_pair_plate *other, sb_vec3 way,
-                                sb_real heights[2])
+/* A face as its shape to others side by side (m, m^2). */
+typedef struct sbi_near_row {
+    sb_real low[SBI_PAIR_SIDE],
+        high[SBI_PAIR_SIDE]; /* least and most height above a plane, but for what either bulges */
+    sb_real height[SBI_PAIR_SIDE], square[SBI_PAIR_SIDE]; /* of its middle above that, and from middle to middle */
+    sb_real turn[SBI_PAIR_SIDE];                          /* of the normals */
+    sb_real radius[SBI_PAIR_SIDE], bulge[SBI_PAIR_SIDE];  /* the others' */
+    sb_real off[SBI_PAIR_SIDE];                           /* > 0: in no list */
+} sbi_near_row;
+
+/* Heights of a shape without corners: of a disc. */
+static void sbi_near_lay_disc(const sbi_near_shape *shape, sbi_near_row *row)
 {
-    if (shape->count > 0) {
-        heights[0] = heights[1] = sb_v3_dot(other->normal, sb_v3_sub(shape->corners[0], other->middle));
-        for (int a = 1; a < shape->count; a++) {
-            const sb_real height = sb_v3_dot(other->normal, sb_v3_sub(shape->corners[a], other->middle));
-            heights[0] = sb_min(heights[0], height);
-            heights[1] = sb_max(heights[1], height);
-        }
-    } else {
-        const sb_real height = sb_v3_dot(other->normal, way), turn = sb_v3_dot(other->normal, shape->plate.normal);
+    SBI_PAIR_EACH_SIDE(l)
+    {
+        const sb_real turn = row->turn[l];
         const sb_real tall = shape->plate.radius * sb_sqrt(sb_max((sb_real)0, 1 - turn * turn));
-        heights[0] = height - tall;
-        heights[1] = height + tall;
+        row->low[l] = row->height[l] - tall;
+        row->high[l] = row->height[l] + tall;
+    }
+}
+
+/* count: of the others, <= SBI_PAIR_SIDE; the first one stands where there is none. */
+static void sbi_near_take_row(const sbi_near_shape *shape, const sbi_pair_plate *plates, const int *others, int count,
+                              sbi_near_row *row)
+{
+    const sb_vec3 middle = shape->plate.middle, normal = shape->plate.normal;
+    sb_real x[SBI_PAIR_SIDE], y[SBI_PAIR_SIDE], z[SBI_PAIR_SIDE];
+    sb_real nx[SBI_PAIR_SIDE], ny[SBI_PAIR_SIDE], nz[SBI_PAIR_SIDE];
+    SBI_PAIR_EACH_SIDE(l)
+    {
+        const sbi_pair_plate *other = plates + others[l < count ? l : 0];
+        x[l] = other->middle.x, y[l] = other->middle.y, z[l] = other->middle.z;
+        nx[l] = other->normal.x, ny[l] = other->normal.y, nz[l] = other->normal.z;
+        row->radius[l] = other->radius, row->bulge[l] = other->bulge;
+    }
+    SBI_PAIR_EACH_SIDE(l)
+    {
+        const sb_real dx = middle.x - x[l], dy = middle.y - y[l], dz = middle.z - z[l];
+        row->height[l] = nx[l] * dx + ny[l] * dy + nz[l] * dz;
+        row->square[l] = dx * dx + dy * dy + dz * dz;
+        row->turn[l] = nx[l] * normal.x + ny[l] * normal.y + nz[l] * normal.z;
+    }
+    if (shape->count == 0)
+        sbi_near_lay_disc(shape, row);
+    for (int a = 0; a < shape->count; a++) {
+        const sb_vec3 corner = shape->corners[a];
+        SBI_PAIR_EACH_SIDE(l)
+        {
+            const sb_real height = nx[l] * (corner.x - x[l]) + ny[l] * (corner.y - y[l]) + nz[l] * (corner.z - z[l]);
+            row->low[l] = a == 0 ? height : sb_min(row->low[l], height);
+            row->high[l] = a == 0 ? height : sb_max(row->high[l], height);
+        }
     }
 }
 
@@ -550,78 +598,99 @@ static int sbi_near_may_come(const sb_contact *contact, int face, int other, con
     return closing > 0 && disc->low <= closing && disc->square <= reach * reach;
 }
 
-/* Points go no farther than still.ahead, nor do they spread by more than twice that: two come nearer by no more than
- * six times that. most: as high as any sample is that is held in this step (m). 0: the disc is in no list. */
-static int sbi_near_take_disc(const sb_contact *contact, int face, int other, sb_real most, sbi_near_disc *disc)
-{
-    const sbi_pairs *pairs = &contact->pairs;
-    const sbi_pair_plate *plate = pairs->plates + other;
-    const sb_real rounded = 3 * SBI_PAIR_BESIDE * contact->faces->lengths[other];
-    sb_real heights[2], thick, height, reach;
+/* How a face is related to others. Points go no farther than still.ahead, nor do they spread by more than twice that:
+ * two come nearer by no more than `near`, six times that. */
+typedef struct sbi_near_relation {
+    const sb_contact *contact;
+    int face;
+    sb_real soon, near; /* m: no sample that is held in this step is higher */
     sbi_near_shape shape;
-    sb_vec3 way;
-    sbi_near_take_shape(contact, face, &shape);
-    way = sb_v3_sub(shape.plate.middle, plate->middle);
-    sbi_near_heights(&shape, plate, way, heights);
-    thick = shape.plate.bulge + plate->bulge + rounded;
-    disc->low = heights[0] - thick, disc->high = heights[1] + thick;
-    if (disc->low > sb_max(most, 6 * pairs->still.ahead))
+} sbi_near_relation;
+
+/* One of a row as a disc. most: as high as any sample is that this one holds in this step (m). 0: it is in no list. */
+static int sbi_near_take_disc(const sbi_near_relation *relation, const sbi_near_row *row, int l, int other,
+                              sb_real most, sbi_near_disc *disc)
+{
+    const sb_real rounded = 3 * SBI_PAIR_BESIDE * relation->contact->faces->lengths[other];
+    const sb_real thick = relation->shape.plate.bulge + row->bulge[l] + rounded;
+    sb_real reach;
+    disc->low = row->low[l] - thick, disc->high = row->high[l] + thick;
+    if (disc->low > sb_max(most, relation->near))
         return 0;
-    height = sb_v3_dot(plate->normal, way);
-    disc->turn = sb_v3_dot(plate->normal, shape.plate.normal);
-    disc->wide = shape.plate.radius + plate->radius + rounded;
-    disc->square = sb_v3_dot(way, way);
-    disc->beside = disc->square - height * height;
-    reach = disc->wide + sb_max(sb_max(most, 6 * pairs->still.ahead), -SBI_PAIR_SLANTED * disc->low);
+    disc->turn = row->turn[l];
+    disc->wide = relation->shape.plate.radius + row->radius[l] + rounded;
+    disc->square = row->square[l];
+    disc->beside = row->square[l] - row->height[l] * row->height[l];
+    reach = disc->wide + sb_max(sb_max(most, relation->near), -SBI_PAIR_SLANTED * disc->low);
     return !(disc->beside > reach * reach);
 }
 
-/* The same as sbi_near_take_disc asks, of bounds that are those of all faces. No branches: which are in a list is as
- * good as chance. */
-SBI_API int sbi_pairs_find_relating(sb_contact *contact, int face, const int *others, int count)
+/* The lists that one of a row is in. In that of holders *highest is what sbi_pairs_highest says. */
+static int sbi_near_relate(const sbi_near_relation *relation, const sbi_near_row *row, int l, int other,
+                           sb_real *highest)
 {
-    const sbi_pairs *pairs = &contact->pairs;
-    const sb_real soon = pairs->distance + pairs->leeway + 2 * pairs->still.ahead;
-    const sb_real most =
-        SBI_NEAR_LOOSE * sb_max(sb_min(sbi_near_highest_of_all(contact), soon), 6 * pairs->still.ahead);
-    const sb_real rounded = SBI_NEAR_LOOSE * 3 * SBI_PAIR_BESIDE * pairs->longest_face;
-    sbi_near_shape shape;
-    int found = 0;
-    sbi_near_take_shape(contact, face, &shape);
-    for (int i = 0; i < count; i++) {
-        const sbi_pair_plate *other = pairs->plates + others[i];
-        const sb_vec3 way = sb_v3_sub(shape.plate.middle, other->middle);
-        const sb_real height = sb_v3_dot(other->normal, way), wide = shape.plate.radius + other->radius + rounded;
-        sb_real heights[2], low, reach;
-        sbi_near_heights(&shape, other, way, heights);
-        low = heights[0] - shape.plate.bulge - other->bulge - rounded;
-        reach = SBI_NEAR_LOOSE * (wide + sb_max(most, -SBI_PAIR_SLANTED * low));
-        pairs->relating[found] = others[i];
-        found += (low <= most) & (sb_v3_dot(way, way) - height * height <= reach * reach);
-    }
-    return found;
-}
-
-SBI_API int sbi_pairs_relate(const sb_contact *contact, int face, int other, sb_real *highest)
-{
-    const sbi_pairs *pairs = &contact->pairs;
-    const sb_real soon = pairs->distance + pairs->leeway + 2 * pairs->still.ahead;
-    const sb_real most = sb_min(sbi_pairs_highest_ever(contact, other), soon);
+    const sb_contact *contact = relation->contact;
+    const sb_real most = sb_min(sbi_pairs_highest_ever(contact, other), relation->soon);
     sb_real reach;
     sbi_near_disc disc;
     int lists = 0;
-    if (!sbi_near_take_disc(contact, face, other, most, &disc))
+    if (!sbi_near_take_disc(relation, row, l, other, most, &disc))
         return 0;
     if (sbi_near_may_hold(contact, other, &disc, most)) {
-        *highest = sbi_pairs_highest(contact, face, other);
+        *highest = sbi_pairs_highest(contact, relation->face, other);
         lists |= sbi_near_may_hold(contact, other, &disc, *highest) << SBI_PAIR_HOLDERS;
     }
     reach = disc.wide - SBI_PAIR_SLANTED * disc.low;
     if (disc.low < 0 && disc.beside <= reach * reach)
         lists |= 1 << SBI_PAIR_BACKS;
-    if (disc.turn < SBI_NEAR_FACING && disc.low <= 6 * pairs->still.ahead)
-        lists |= sbi_near_may_come(contact, face, other, &disc) << SBI_PAIR_COMERS;
+    if (disc.turn < SBI_NEAR_FACING && disc.low <= relation->near)
+        lists |= sbi_near_may_come(contact, relation->face, other, &disc) << SBI_PAIR_COMERS;
     return lists;
+}
+
+/* Which of a row may be in a list: what sbi_near_take_disc asks, of bounds that are those of all faces. */
+static void sbi_near_ask_row(const sbi_near_relation *relation, sbi_near_row *row)
+{
+    const sb_contact *contact = relation->contact;
+    const sb_real most =
+        SBI_NEAR_LOOSE * sb_max(sb_min(sbi_near_highest_of_all(contact), relation->soon), relation->near);
+    const sb_real rounded = SBI_NEAR_LOOSE * 3 * SBI_PAIR_BESIDE * contact->pairs.longest_face;
+    const sb_real bulge = relation->shape.plate.bulge + rounded, radius = relation->shape.plate.radius + rounded;
+    SBI_PAIR_EACH_SIDE(l)
+    {
+        const sb_real low = row->low[l] - row->bulge[l] - bulge;
+        const sb_real reach = SBI_NEAR_LOOSE * (radius + row->radius[l] + sb_max(most, -SBI_PAIR_SLANTED * low));
+        const sb_real beside = row->square[l] - row->height[l] * row->height[l];
+        row->off[l] = sb_max(low - most, beside - reach * reach);
+    }
+}
+
+SBI_API int sbi_pairs_find_related(sb_contact *contact, int face, const int *others, int count)
+{
+    sbi_pairs *pairs = &contact->pairs;
+    sbi_near_relation relation;
+    int found = 0;
+    relation.contact = contact;
+    relation.face = face;
+    relation.soon = pairs->distance + pairs->leeway + 2 * pairs->still.ahead;
+    relation.near = 6 * pairs->still.ahead;
+    sbi_near_take_shape(contact, face, &relation.shape);
+    for (int first = 0; first < count; first += SBI_PAIR_SIDE) {
+        const int side = sbi_min_int(SBI_PAIR_SIDE, count - first);
+        sbi_near_row row;
+        sbi_near_take_row(&relation.shape, pairs->plates, others + first, side, &row);
+        sbi_near_ask_row(&relation, &row);
+        for (int l = 0; l < side; l++) {
+            sbi_pair_related *related = pairs->related + found;
+            if (row.off[l] > 0)
+                continue;
+            related->other = others[first + l];
+            related->highest = 0;
+            related->lists = sbi_near_relate(&relation, &row, l, others[first + l], &related->highest);
+            found += related->lists != 0;
+        }
+    }
+    return found;
 }
 
 /* How far a face is from the plane of another at least, on either side. */
@@ -698,8 +767,7 @@ static int sbi_near_is_marked(const uint64_t *marks, int face)
 /* 1 when a face has to do with another, as far as the walk looks. */
 static int sbi_near_counts(const sbi_near_walk *walk, int face, int other)
 {
-    sb_real highest;
-    return walk->kind != SBI_NEAR_PAIRED || sbi_pairs_relate(walk->contact, face, other, &highest);
+    return walk->kind != SBI_NEAR_PAIRED || sbi_pairs_find_related(walk->contact, face, &other, 1) > 0;
 }
 
 /* Two faces whose boxes meet. */

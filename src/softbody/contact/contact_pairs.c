@@ -303,14 +303,29 @@ SB_INLINE sb_vec3 sbi_pair_force(const sbi_pair_sample *s)
     return sb_v3_scale(s->area, sb_v3_madd(s->answer.traction, s->answer.pressure, s->normal));
 }
 
-/* Adds f to one side's nodes and takes it from the other's. */
-static void sbi_pair_scatter(const sb_contact *contact, const sbi_pair_sample *s, sb_vec3 f, sb_vec3 *out)
+SBI_FORCE_INLINE void sbi_pair_add_of(const sb_real *weights, const int *places, int count, sb_real sign, sb_vec3 f,
+                                      sb_vec3 *out)
 {
-    const sbi_pair_patch *patch = contact->pairs.patches + s->patch;
-    for (int a = 0; a < contact->faces->sizes[patch->face]; a++)
-        out[patch->nodes[a]] = sb_v3_madd(out[patch->nodes[a]], s->weights[a], f);
-    for (int a = 0; a < contact->faces->sizes[s->other]; a++)
-        out[s->other_nodes[a]] = sb_v3_madd(out[s->other_nodes[a]], -s->shares[a], f);
+    for (int a = 0; a < count; a++)
+        out[places[a]] = sb_v3_madd(out[places[a]], sign * weights[a], f);
+}
+
+/* out, by place, += sign f with weights of a face's nodes; of triangles without a loop. */
+SBI_FORCE_INLINE void sbi_pair_add(const sb_real *weights, const int *places, int count, sb_real sign, sb_vec3 f,
+                                   sb_vec3 *out)
+{
+    if (count == 3)
+        sbi_pair_add_of(weights, places, 3, sign, f, out);
+    else
+        sbi_pair_add_of(weights, places, count, sign, f, out);
+}
+
+/* Adds f to one side's nodes and takes it from the other's. */
+SB_INLINE void sbi_pair_scatter(const sb_contact *contact, const sbi_pair_sample *s, sb_vec3 f, sb_vec3 *out)
+{
+    const unsigned char *sizes = contact->faces->sizes;
+    sbi_pair_add(s->weights, contact->pairs.patches[s->patch].nodes, sizes[s->face], 1, f, out);
+    sbi_pair_add(s->shares, s->other_nodes, sizes[s->other], -1, f, out);
 }
 
 SBI_API void sbi_pairs_evaluate(sb_contact *contact, const sb_vec3 *du, int renew)
@@ -341,14 +356,14 @@ SBI_API void sbi_pairs_add_forces(sb_contact *contact, sb_vec3 *force)
 
 /* ---- stiffness of the system ---- */
 
-static sb_vec3 sbi_pair_times(const sbi_pair_link *link, sb_vec3 v)
+SB_INLINE sb_vec3 sbi_pair_times(const sbi_pair_link *link, sb_vec3 v)
 {
     sb_vec3 out = sb_v3_scale(link->tangent, v);
     out = sb_v3_madd(out, (link->normal - link->tangent) * sb_v3_dot(link->n, v), link->n);
     return sb_v3_madd(out, -link->tangent * sb_v3_dot(link->d, v), link->d);
 }
 
-static sbi_pair_link sbi_pair_make_link(const sbi_pairs *pairs, int sample)
+SB_INLINE sbi_pair_link sbi_pair_make_link(const sbi_pairs *pairs, int sample)
 {
     const sbi_pair_sample *s = pairs->samples + sample;
     sbi_pair_link link;
@@ -360,16 +375,30 @@ static sbi_pair_link sbi_pair_make_link(const sbi_pairs *pairs, int sample)
     return link;
 }
 
-/* Mean of x, by places, with weights of a face's nodes and without masked axes, times sign, added to a sum. */
-static sb_vec3 sbi_pair_add_mean(const sb_contact *contact, const unsigned char *masked, const int *places, int count,
-                                 const sb_real *weights, sb_real sign, const sb_vec3 *x, sb_vec3 sum)
+/* A face's nodes by places. */
+typedef struct sbi_pair_places {
+    const sb_contact *contact;
+    const unsigned char *masked; /* NULL: no axes are */
+    const int *places;
+    const sb_real *weights;
+} sbi_pair_places;
+
+SBI_FORCE_INLINE sb_vec3 sbi_pair_add_mean_of(const sbi_pair_places *face, int count, sb_real sign, const sb_vec3 *x,
+                                              sb_vec3 sum)
 {
     for (int a = 0; a < count; a++) {
-        unsigned axes = masked ? masked[contact->nodes[places[a]]] : 0u;
-        sb_vec3 free = axes ? sbi_contact_unmasked(axes, x[places[a]]) : x[places[a]];
-        sum = sb_v3_madd(sum, sign * weights[a], free);
+        const int place = face->places[a];
+        const unsigned axes = face->masked ? face->masked[face->contact->nodes[place]] : 0u;
+        sum = sb_v3_madd(sum, sign * face->weights[a], axes ? sbi_contact_unmasked(axes, x[place]) : x[place]);
     }
     return sum;
+}
+
+/* sum + sign times the mean of x, by places, without masked axes; of triangles without a loop. */
+SBI_FORCE_INLINE sb_vec3 sbi_pair_add_mean(const sbi_pair_places *face, int count, sb_real sign, const sb_vec3 *x,
+                                           sb_vec3 sum)
+{
+    return count == 3 ? sbi_pair_add_mean_of(face, 3, sign, x, sum) : sbi_pair_add_mean_of(face, count, sign, x, sum);
 }
 
 SBI_API void sbi_pairs_multiply(const sb_contact *contact, const unsigned char *masked, const sb_vec3 *x, sb_vec3 *out)
@@ -379,9 +408,11 @@ SBI_API void sbi_pairs_multiply(const sb_contact *contact, const unsigned char *
     for (int i = 0; i < pairs->active_count; i++) {
         const sbi_pair_sample *s = pairs->samples + pairs->active[i];
         const sbi_pair_link link = sbi_pair_make_link(pairs, pairs->active[i]);
+        const sbi_pair_places one = {contact, masked, pairs->patches[s->patch].nodes, s->weights};
+        const sbi_pair_places two = {contact, masked, s->other_nodes, s->shares};
         sb_vec3 way = {0, 0, 0};
-        way = sbi_pair_add_mean(contact, masked, pairs->patches[s->patch].nodes, sizes[s->face], s->weights, 1, x, way);
-        way = sbi_pair_add_mean(contact, masked, s->other_nodes, sizes[s->other], s->shares, -1, x, way);
+        way = sbi_pair_add_mean(&one, sizes[s->face], 1, x, way);
+        way = sbi_pair_add_mean(&two, sizes[s->other], -1, x, way);
         sbi_pair_scatter(contact, s, sbi_pair_times(&link, way), out);
     }
 }
@@ -465,6 +496,8 @@ SBI_API void sbi_pairs_add_blocks(sb_contact *contact, const unsigned char *mask
             sbi_pair_add_slot(contact, slot, masked, matrix);
     for (int i = 0; i < pairs->active_count; i++)
         pairs->links[pairs->link_count++] = sbi_pair_make_link(pairs, pairs->active[i]);
+    pairs->link_node_count = contact->node_count;
+    memcpy(pairs->link_nodes, contact->nodes, (size_t)contact->node_count * sizeof(int));
 }
 
 SBI_API void sbi_pairs_restore_blocks(sb_contact *contact, sb_matrix *matrix)
@@ -476,13 +509,15 @@ SBI_API void sbi_pairs_restore_blocks(sb_contact *contact, sb_matrix *matrix)
     }
 }
 
+/* ---- products with links: between points of a skin, which stand for rows of the body's nodes ---- */
+
 /* One side of a link. */
 typedef struct sbi_pair_side {
     const sb_contact *contact;
     const unsigned char *masked;
-    const int *nodes; /* of the face: the body's, or points of a skin, which stand for rows of those */
+    const int *points;
     const sb_real *weights;
-    int count, is_skin;
+    int count;
 } sbi_pair_side;
 
 static sbi_pair_side sbi_pair_make_side(const sb_contact *contact, const unsigned char *masked, int face,
@@ -491,67 +526,43 @@ static sbi_pair_side sbi_pair_make_side(const sb_contact *contact, const unsigne
     sbi_pair_side side;
     side.contact = contact;
     side.masked = masked;
-    side.nodes = sbi_contact_face_nodes(contact->faces, face);
+    side.points = sbi_contact_face_nodes(contact->faces, face);
     side.weights = weights;
     side.count = contact->faces->sizes[face];
-    side.is_skin = contact->skin.source != NULL;
     return side;
 }
 
-SB_INLINE sb_vec3 sbi_pair_unmask(const sbi_pair_side *side, int node, sb_vec3 v)
+SB_INLINE sb_vec3 sbi_pair_unmask(const unsigned char *masked, int node, sb_vec3 v)
 {
-    return side->masked && side->masked[node] ? sbi_contact_unmasked(side->masked[node], v) : v;
+    return masked && masked[node] ? sbi_contact_unmasked(masked[node], v) : v;
 }
 
-/* Mean of x [rows] with weights of points of a skin, without masked axes. */
+/* Mean of x [rows] without masked axes. */
 static sb_vec3 sbi_pair_skin_mean(const sbi_pair_side *side, const sb_vec3 *x)
 {
     sb_vec3 sum = {0, 0, 0};
     for (int a = 0; a < side->count; a++) {
-        const sbi_contact_row row = sbi_contact_skin_row(&side->contact->skin, side->nodes[a]);
+        const sbi_contact_row row = sbi_contact_skin_row(&side->contact->skin, side->points[a]);
         for (int i = 0; i < row.count; i++)
             sum = sb_v3_madd(sum, side->weights[a] * row.weights[i],
-                             sbi_pair_unmask(side, row.nodes[i], x[row.nodes[i]]));
+                             sbi_pair_unmask(side->masked, row.nodes[i], x[row.nodes[i]]));
     }
-    return sum;
-}
-
-/* The same of the face's nodes, whatever these are. */
-static sb_vec3 sbi_pair_mean(const sbi_pair_side *side, const sb_vec3 *x)
-{
-    sb_vec3 sum = {0, 0, 0};
-    if (side->is_skin)
-        return sbi_pair_skin_mean(side, x);
-    for (int a = 0; a < side->count; a++)
-        sum = sb_v3_madd(sum, side->weights[a], sbi_pair_unmask(side, side->nodes[a], x[side->nodes[a]]));
     return sum;
 }
 
 static void sbi_pair_skin_subtract(const sbi_pair_side *side, sb_vec3 f, sb_vec3 *out)
 {
     for (int a = 0; a < side->count; a++) {
-        const sbi_contact_row row = sbi_contact_skin_row(&side->contact->skin, side->nodes[a]);
+        const sbi_contact_row row = sbi_contact_skin_row(&side->contact->skin, side->points[a]);
         for (int i = 0; i < row.count; i++)
             out[row.nodes[i]] = sb_v3_madd(out[row.nodes[i]], -side->weights[a] * row.weights[i],
-                                           sbi_pair_unmask(side, row.nodes[i], f));
+                                           sbi_pair_unmask(side->masked, row.nodes[i], f));
     }
 }
 
-static void sbi_pair_subtract(const sbi_pair_side *side, sb_vec3 f, sb_vec3 *out)
+static double sbi_pair_multiply_skin(const sb_contact *contact, const unsigned char *masked, const sb_vec3 *x,
+                                     sb_vec3 *out)
 {
-    if (side->is_skin) {
-        sbi_pair_skin_subtract(side, f, out);
-        return;
-    }
-    for (int a = 0; a < side->count; a++) {
-        sb_vec3 *at = out + side->nodes[a];
-        *at = sb_v3_madd(*at, -side->weights[a], sbi_pair_unmask(side, side->nodes[a], f));
-    }
-}
-
-SBI_API double sbi_pairs_multiply_links(void *user, const unsigned char *masked, const sb_vec3 *x, sb_vec3 *out)
-{
-    const sb_contact *contact = (const sb_contact *)user;
     const sbi_pairs *pairs = &contact->pairs;
     double sum = 0;
     for (int i = 0; i < pairs->link_count; i++) {
@@ -559,10 +570,104 @@ SBI_API double sbi_pairs_multiply_links(void *user, const unsigned char *masked,
         const sbi_pair_sample *s = pairs->samples + link->sample;
         const sbi_pair_side one = sbi_pair_make_side(contact, masked, s->face, s->weights);
         const sbi_pair_side two = sbi_pair_make_side(contact, masked, s->other, s->shares);
-        sb_vec3 x1 = sbi_pair_mean(&one, x), x2 = sbi_pair_mean(&two, x), f1 = sbi_pair_times(link, x2);
-        sbi_pair_subtract(&one, f1, out);
-        sbi_pair_subtract(&two, sbi_pair_times(link, x1), out);
+        sb_vec3 x1 = sbi_pair_skin_mean(&one, x), x2 = sbi_pair_skin_mean(&two, x), f1 = sbi_pair_times(link, x2);
+        sbi_pair_skin_subtract(&one, f1, out);
+        sbi_pair_skin_subtract(&two, sbi_pair_times(link, x1), out);
         sum -= 2 * (double)sb_v3_dot(x1, f1);
     }
+    return sum;
+}
+
+/* ---- the same between nodes of the body, by place: without looking for masked axes anew in each link ---- */
+
+#if SBI_HAS_LANES
+SBI_FORCE_INLINE sbi_pair_vector sbi_pair_pack(sb_vec3 v)
+{
+    const sbi_pair_vector packed = {v.x, v.y, v.z, 0};
+    return packed;
+}
+SBI_FORCE_INLINE sb_vec3 sbi_pair_unpack(sbi_pair_vector v) { return sb_v3(v[0], v[1], v[2]); }
+SBI_FORCE_INLINE sbi_pair_vector sbi_pair_madd(sbi_pair_vector a, sb_real s, sbi_pair_vector b) { return a + s * b; }
+#else
+SBI_FORCE_INLINE sbi_pair_vector sbi_pair_pack(sb_vec3 v) { return v; }
+SBI_FORCE_INLINE sb_vec3 sbi_pair_unpack(sbi_pair_vector v) { return v; }
+SBI_FORCE_INLINE sbi_pair_vector sbi_pair_madd(sbi_pair_vector a, sb_real s, sbi_pair_vector b)
+{
+    return sb_v3_madd(a, s, b);
+}
+#endif
+
+SBI_FORCE_INLINE sb_vec3 sbi_pair_mean_of(const int *places, const sb_real *weights, int count,
+                                          const sbi_pair_vector *x)
+{
+    sbi_pair_vector sum = sbi_pair_pack(sb_v3(0, 0, 0));
+    for (int a = 0; a < count; a++)
+        sum = sbi_pair_madd(sum, weights[a], x[places[a]]);
+    return sbi_pair_unpack(sum);
+}
+
+SBI_FORCE_INLINE void sbi_pair_subtract_of(const int *places, const sb_real *weights, int count, sb_vec3 force,
+                                           sbi_pair_vector *out)
+{
+    const sbi_pair_vector f = sbi_pair_pack(force);
+    for (int a = 0; a < count; a++)
+        out[places[a]] = sbi_pair_madd(out[places[a]], -weights[a], f);
+}
+
+/* Of nodes of both faces as many as given. Returns x.Cx of the link. */
+SBI_FORCE_INLINE double sbi_pair_multiply_link(const sb_contact *contact, const sbi_pair_link *link, int count,
+                                               int other_count)
+{
+    const sbi_pairs *pairs = &contact->pairs;
+    const sbi_pair_sample *s = pairs->samples + link->sample;
+    const int *places = pairs->patches[s->patch].nodes;
+    const sb_vec3 x1 = sbi_pair_mean_of(places, s->weights, count, pairs->link_in);
+    const sb_vec3 x2 = sbi_pair_mean_of(s->other_nodes, s->shares, other_count, pairs->link_in);
+    const sb_vec3 f1 = sbi_pair_times(link, x2);
+    sbi_pair_subtract_of(places, s->weights, count, f1, pairs->link_out);
+    sbi_pair_subtract_of(s->other_nodes, s->shares, other_count, sbi_pair_times(link, x1), pairs->link_out);
+    return -2 * (double)sb_v3_dot(x1, f1);
+}
+
+/* From the body's nodes to places, and back without masked axes. */
+static void sbi_pair_take_nodes(const sbi_pairs *pairs, const unsigned char *masked, const sb_vec3 *x,
+                                const sb_vec3 *out)
+{
+    for (int k = 0; k < pairs->link_node_count; k++) {
+        const int node = pairs->link_nodes[k];
+        pairs->link_in[k] = sbi_pair_pack(sbi_pair_unmask(masked, node, x[node]));
+        pairs->link_out[k] = sbi_pair_pack(out[node]);
+    }
+}
+
+static void sbi_pair_give_nodes(const sbi_pairs *pairs, const unsigned char *masked, sb_vec3 *out)
+{
+    for (int k = 0; k < pairs->link_node_count; k++) {
+        const int node = pairs->link_nodes[k];
+        const sb_vec3 sum = sbi_pair_unpack(pairs->link_out[k]);
+        out[node] = masked && masked[node] ? sbi_body_pick_axes(masked[node], out[node], sum) : sum;
+    }
+}
+
+SBI_API double sbi_pairs_multiply_links(void *user, const unsigned char *masked, const sb_vec3 *x, sb_vec3 *out)
+{
+    const sb_contact *contact = (const sb_contact *)user;
+    const sbi_pairs *pairs = &contact->pairs;
+    const unsigned char *sizes = contact->faces->sizes;
+    double sum = 0;
+    if (pairs->link_count == 0)
+        return 0;
+    if (contact->skin.source)
+        return sbi_pair_multiply_skin(contact, masked, x, out);
+    sbi_pair_take_nodes(pairs, masked, x, out);
+    for (int i = 0; i < pairs->link_count; i++) {
+        const sbi_pair_sample *s = pairs->samples + pairs->links[i].sample;
+        const int count = sizes[s->face], other_count = sizes[s->other];
+        if (count == 3 && other_count == 3) /* loops of known length */
+            sum += sbi_pair_multiply_link(contact, pairs->links + i, 3, 3);
+        else
+            sum += sbi_pair_multiply_link(contact, pairs->links + i, count, other_count);
+    }
+    sbi_pair_give_nodes(pairs, masked, out);
     return sum;
 }

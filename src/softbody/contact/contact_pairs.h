@@ -16,6 +16,7 @@
 #ifndef SB_CONTACT_PAIRS_H
 #define SB_CONTACT_PAIRS_H
 
+#include "../base/lanes.h"
 #include "../body/step_touch.h"
 #include "contact_faces.h"
 #include "contact_law.h"
@@ -50,6 +51,13 @@ typedef struct sbi_pair_link {
     sb_real normal, tangent; /* N/m */
     sb_vec3 n, d;
 } sbi_pair_link;
+
+/* Vectors of nodes in products with links: as lanes where there are any. */
+#if SBI_HAS_LANES
+typedef sbi_lanes sbi_pair_vector;
+#else
+typedef sb_vec3 sbi_pair_vector;
+#endif
 
 /* What was in touch at the end of the last step. */
 typedef struct sbi_pair_entry {
@@ -94,21 +102,34 @@ typedef struct sbi_pair_plate {
     sb_real radius, bulge;
 } sbi_pair_plate;
 
-/* A face in such lists: a sample farther from it than `most` has nothing to do with it, nor has one higher above it
+/* Faces that are asked side by side, in loops of known length without branches, which compilers make vectors of. */
+enum { SBI_PAIR_SIDE = 8 };
+#define SBI_PAIR_EACH_SIDE(l) SBI_EACH_LANE(l, SBI_PAIR_SIDE)
+
+/* Faces in such lists: a sample farther from one than `most` has nothing to do with it, nor has one higher above it
  * than `highest` or lower than `deepest`, both with what rounding makes of it; in a step it goes as far as `goes` at
  * most (m). */
-typedef struct sbi_pair_ball {
-    sbi_pair_plate plate;
-    sb_real most, highest, deepest, goes, rounded;
-    int face;
-} sbi_pair_ball;
+typedef struct sbi_pair_balls {
+    sb_real middle[3][SBI_PAIR_SIDE], normal[3][SBI_PAIR_SIDE], radius[SBI_PAIR_SIDE], bulge[SBI_PAIR_SIDE];
+    sb_real most[SBI_PAIR_SIDE], highest[SBI_PAIR_SIDE], deepest[SBI_PAIR_SIDE], goes[SBI_PAIR_SIDE];
+    sb_real rounded[SBI_PAIR_SIDE];
+    sb_real out_of[SBI_PAIR_LISTS][SBI_PAIR_SIDE]; /* 0 of a face in a list, else 1 */
+    int face[SBI_PAIR_SIDE];
+} sbi_pair_balls;
 
-/* One that a sample has to look at: its number of those found, how high the sample is above its plane (lower than 0:
- * behind), and the squares of how far it is from the middle, and beside that across the normal (m, m^2). */
-typedef struct sbi_pair_pick {
-    int number;
-    sb_real height, square, beside;
-} sbi_pair_pick;
+/* The sample at hand to each of them: how high it is above the plane (lower than 0: behind), and the squares of how far
+ * it is from the middle, and beside that across the normal (m, m^2). */
+typedef struct sbi_pair_picks {
+    sb_real height[SBI_PAIR_SIDE], square[SBI_PAIR_SIDE], beside[SBI_PAIR_SIDE];
+    sb_real off[SBI_PAIR_SIDE]; /* > 0: it has nothing to do with the face */
+} sbi_pair_picks;
+
+/* A face that samples of another have to do with: the lists that it is in, as bits, and how high above it one may be
+ * that is in that of holders (m). */
+typedef struct sbi_pair_related {
+    int other, lists;
+    sb_real highest;
+} sbi_pair_related;
 
 /* Smallest and largest, of the unit normals below a box of the tree. */
 typedef struct sbi_pair_cone {
@@ -192,11 +213,10 @@ typedef struct sbi_pairs {
     uint64_t *near;               /* a bit for each face that is near one that it looks at */
     sbi_pairs_still still;        /* what is known of steps before */
     int *found;
-    int *relating;        /* [faces] of those that a face may come near, what may be in any of its lists */
-    sbi_pair_ball *balls; /* [faces] what samples of the face at hand need to look at, */
-    int *lists[SBI_PAIR_LISTS], list_counts[SBI_PAIR_LISTS]; /* by their numbers in it */
-    sbi_pair_pick *picks;                                    /* [faces] of a list, for the sample at hand */
-    int *slot_of;                                            /* -1 between steps */
+    sbi_pair_related *related; /* [faces] of those that a face may come near */
+    sbi_pair_balls *balls;     /* [sbi_pairs_sides] what samples of the face at hand need to look at */
+    sbi_pair_picks *picks;     /* [sbi_pairs_sides] of these, for the sample at hand */
+    int *slot_of;              /* -1 between steps */
     int *zones;         /* [nodes] what moves as one, see contact_apart.c: a node of it, -1: this one moves by itself */
     sb_vec3 *node_ways; /* [nodes] ways of the body's nodes over the step (m), while they are mended */
     sbi_zones zones_made;                         /* by what was mended in this step */
@@ -220,6 +240,8 @@ typedef struct sbi_pairs {
     int saved_count;
     sbi_pair_link *links; /* [max_contacts] of the system */
     int link_count;
+    int *link_nodes, link_node_count;    /* [nodes] those of the system by place */
+    sbi_pair_vector *link_in, *link_out; /* [nodes] by place, of a product */
 
     /* of the last step */
     sb_real strayed; /* m: straying in it */
@@ -236,6 +258,9 @@ typedef struct sbi_closest {
     sb_vec3 point;
 } sbi_closest;
 
+/* Blocks of faces side by side that hold so many. */
+SB_INLINE int sbi_pairs_sides(int faces) { return faces / SBI_PAIR_SIDE + (faces % SBI_PAIR_SIDE != 0); }
+
 /* A face whose samples are to be paired, and the one at hand while its partner is looked for. */
 typedef struct sbi_pair_search {
     struct sb_contact *contact;
@@ -245,7 +270,8 @@ typedef struct sbi_pair_search {
     const int *coming; /* faces among which are all that it may come near */
     int coming_count;
     int listed;      /* how many of them are in pairs->balls */
-    int first;       /* of them: is likely to be the nearest; -1: nothing is known */
+    int first;       /* a face: is likely to be the nearest; -1: nothing is known */
+    int first_place; /* its place in pairs->balls; -1: it is not there */
     int slips;       /* 1: the face has no friction in this step */
     sb_vec3 at, way; /* m: at the start; over the step, as it coasts */
     int best;        /* -1: none */

@@ -28,22 +28,18 @@ static int sbi_partner_is_far(const sbi_pair_search *search, int other, sb_real 
     return sb_v3_dot(way, way) > reach * reach;
 }
 
-/* What a sample at a place is to a face of list `number`. */
-SB_INLINE sbi_pair_pick sbi_partner_pick(const sbi_pair_ball *ball, int number, sb_vec3 at)
+/* What the sample is to faces side by side. */
+static void sbi_partner_measure(const sbi_pair_balls *SB_RESTRICT balls, sb_vec3 at, sbi_pair_picks *SB_RESTRICT picks)
 {
-    const sb_vec3 way = sb_v3_sub(at, ball->plate.middle);
-    sbi_pair_pick pick;
-    pick.number = number;
-    pick.height = sb_v3_dot(ball->plate.normal, way);
-    pick.square = sb_v3_dot(way, way);
-    pick.beside = pick.square - pick.height * pick.height;
-    return pick;
-}
-
-static int sbi_partner_is_out_of(const sbi_pair_ball *ball, const sbi_pair_pick *pick, sb_real most)
-{
-    const sb_real reach = ball->plate.radius + most;
-    return pick->square > reach * reach;
+    SBI_PAIR_EACH_SIDE(l)
+    {
+        const sb_real x = at.x - balls->middle[0][l], y = at.y - balls->middle[1][l], z = at.z - balls->middle[2][l];
+        const sb_real height = balls->normal[0][l] * x + balls->normal[1][l] * y + balls->normal[2][l] * z;
+        const sb_real square = x * x + y * y + z * z;
+        picks->height[l] = height;
+        picks->square[l] = square;
+        picks->beside[l] = square - height * height;
+    }
 }
 
 /* Lengths that rounding does not reach (m). */
@@ -59,19 +55,34 @@ static sb_real sbi_partner_farthest(const sb_contact *contact, int other)
     return (1 + SBI_PAIR_LEAN) * height + SBI_PAIR_BESIDE * contact->faces->lengths[other];
 }
 
-static sbi_pair_ball sbi_partner_make_ball(const sbi_pair_search *search, int other, sb_real highest)
+static void sbi_partner_clear_balls(sbi_pair_balls *balls)
+{
+    memset(balls, 0, sizeof *balls);
+    for (int list = 0; list < SBI_PAIR_LISTS; list++)
+        for (int l = 0; l < SBI_PAIR_SIDE; l++)
+            balls->out_of[list][l] = 1;
+}
+
+/* Puts a face in its place among those side by side. */
+static void sbi_partner_put_ball(const sbi_pair_search *search, const sbi_pair_related *related, sbi_pair_balls *balls,
+                                 int l)
 {
     const sb_contact *contact = search->contact;
     const sbi_pairs *pairs = &contact->pairs;
-    sbi_pair_ball ball;
-    ball.plate = pairs->plates[other];
-    ball.most = sbi_partner_farthest(contact, other);
-    ball.highest = highest;
-    ball.deepest = sbi_pairs_deepest(contact, other);
-    ball.goes = sb_v3_norm(pairs->ways[other]) + pairs->spreads[other];
-    ball.rounded = sbi_partner_rounded(search, other);
-    ball.face = other;
-    return ball;
+    const int other = related->other;
+    const sbi_pair_plate *plate = pairs->plates + other;
+    balls->middle[0][l] = plate->middle.x, balls->middle[1][l] = plate->middle.y, balls->middle[2][l] = plate->middle.z;
+    balls->normal[0][l] = plate->normal.x, balls->normal[1][l] = plate->normal.y, balls->normal[2][l] = plate->normal.z;
+    balls->radius[l] = plate->radius;
+    balls->bulge[l] = plate->bulge;
+    balls->most[l] = sbi_partner_farthest(contact, other);
+    balls->highest[l] = related->highest;
+    balls->deepest[l] = sbi_pairs_deepest(contact, other);
+    balls->goes[l] = sb_v3_norm(pairs->ways[other]) + pairs->spreads[other];
+    balls->rounded[l] = sbi_partner_rounded(search, other);
+    balls->face[l] = other;
+    for (int list = 0; list < SBI_PAIR_LISTS; list++)
+        balls->out_of[list][l] = (sb_real)(~related->lists >> list & 1);
 }
 
 /* 1 when the sample lies in the organ of this face where the step begins. What an organ overlaps itself by is not seen
@@ -154,81 +165,111 @@ static void sbi_partner_try_near(sbi_pair_search *search, int other, sb_real hig
 }
 
 /* 1 when a face is no nearer than what holds the sample. */
-static int sbi_partner_is_no_nearer(const sbi_pair_search *search, const sbi_pair_ball *ball, const sbi_pair_pick *pick)
+static int sbi_partner_is_no_nearer(const sbi_pair_search *search, const sbi_pair_balls *balls,
+                                    const sbi_pair_picks *picks, int l)
 {
-    const sb_real off = sb_max((sb_real)0, sb_abs(pick->height) - ball->plate.bulge);
-    const sb_real most = search->measure + SBI_PAIR_BESIDE * search->contact->faces->lengths[ball->face];
+    const sb_real off = sb_max((sb_real)0, sb_abs(picks->height[l]) - balls->bulge[l]);
+    const sb_real most = search->measure + SBI_PAIR_BESIDE * search->contact->faces->lengths[balls->face[l]];
     sb_real reach = most * most - off * off;
     if (reach < 0)
         return 1;
-    reach = ball->plate.radius + sb_sqrt(reach);
-    return pick->beside > reach * reach;
+    reach = balls->radius[l] + sb_sqrt(reach);
+    return picks->beside[l] > reach * reach;
 }
 
-/* 1 when a face's own rule may hold the sample: by how high that is above the plane and how far beside the face. No
- * branches: which of a list may is as good as chance. */
-SB_INLINE int sbi_partner_may_hold(const sbi_pair_ball *ball, const sbi_pair_pick *pick)
+/* Which faces' own rules may hold the sample: by how high that is above the plane and how far beside the face. */
+static void sbi_partner_ask_holders(const sbi_pair_balls *SB_RESTRICT balls, sbi_pair_picks *SB_RESTRICT picks)
 {
-    const sb_real height = pick->height, bulge = ball->plate.bulge;
-    const sb_real lean = height + bulge > 0 ? SBI_PAIR_LEAN : SBI_PAIR_LEAN_INSIDE;
-    const sb_real reach = ball->plate.radius + ball->rounded + lean * (sb_abs(height) + bulge);
-    const sb_real ball_reach = ball->plate.radius + ball->most;
-    return (pick->square <= ball_reach * ball_reach) & (pick->beside <= reach * reach) &
-           (height - bulge <= ball->highest + ball->rounded) & (-height - bulge <= ball->deepest + ball->rounded);
-}
-
-/* Those that may hold the sample, in pairs->picks; returns how many. */
-static int sbi_partner_pick_holders(const sbi_pair_search *search)
-{
-    sbi_pairs *pairs = &search->contact->pairs;
-    const int *list = pairs->lists[SBI_PAIR_HOLDERS];
-    int picked = 0;
-    for (int i = 0; i < pairs->list_counts[SBI_PAIR_HOLDERS]; i++) {
-        const sbi_pair_ball *ball = pairs->balls + list[i];
-        const sbi_pair_pick pick = sbi_partner_pick(ball, list[i], search->at);
-        pairs->picks[picked] = pick;
-        picked += sbi_partner_may_hold(ball, &pick);
+    SBI_PAIR_EACH_SIDE(l)
+    {
+        const sb_real height = picks->height[l], bulge = balls->bulge[l], rounded = balls->rounded[l];
+        const sb_real lean = height + bulge > 0 ? SBI_PAIR_LEAN : SBI_PAIR_LEAN_INSIDE;
+        const sb_real reach = balls->radius[l] + rounded + lean * (sb_abs(height) + bulge);
+        const sb_real ball_reach = balls->radius[l] + balls->most[l];
+        const sb_real far = sb_max(picks->square[l] - ball_reach * ball_reach, picks->beside[l] - reach * reach);
+        const sb_real high = height - bulge - (balls->highest[l] + rounded);
+        const sb_real deep = -height - bulge - (balls->deepest[l] + rounded);
+        picks->off[l] = sb_max(sb_max(far, balls->out_of[SBI_PAIR_HOLDERS][l]), sb_max(high, deep));
     }
-    return picked;
 }
 
 /* 1 when one that may hold the sample does so no better than what already does. */
-static int sbi_partner_is_useless(const sbi_pair_search *search, const sbi_pair_ball *ball, const sbi_pair_pick *pick)
+static int sbi_partner_is_useless(const sbi_pair_search *search, const sbi_pair_balls *balls,
+                                  const sbi_pair_picks *picks, int l)
 {
-    return search->best >= 0 && (sbi_partner_is_out_of(ball, pick, sb_min(ball->most, search->measure)) ||
-                                 sbi_partner_is_no_nearer(search, ball, pick));
+    const sb_real reach = balls->radius[l] + sb_min(balls->most[l], search->measure);
+    return search->best >= 0 && (picks->square[l] > reach * reach || sbi_partner_is_no_nearer(search, balls, picks, l));
+}
+
+/* One that is in no list, as if it were in that of holders. */
+static void sbi_partner_try_unlisted(sbi_pair_search *search, int other)
+{
+    sbi_pair_related related;
+    sbi_pair_balls balls;
+    sbi_pair_picks picks;
+    sbi_partner_clear_balls(&balls);
+    related.other = other;
+    related.lists = 1 << SBI_PAIR_HOLDERS;
+    related.highest = sbi_pairs_highest(search->contact, search->face, other);
+    sbi_partner_put_ball(search, &related, &balls, 0);
+    sbi_partner_measure(&balls, search->at, &picks);
+    sbi_partner_ask_holders(&balls, &picks);
+    if (!(picks.off[0] > 0))
+        sbi_partner_try_near(search, other, related.highest);
 }
 
 /* Tries what the sample before this one was nearest to. */
-static void sbi_partner_try_first(sbi_pair_search *search, int first)
+static void sbi_partner_try_first(sbi_pair_search *search)
 {
-    const sb_real highest = sbi_pairs_highest(search->contact, search->face, first);
-    const sbi_pair_ball ball = sbi_partner_make_ball(search, first, highest);
-    const sbi_pair_pick pick = sbi_partner_pick(&ball, 0, search->at);
-    if (sbi_partner_may_hold(&ball, &pick))
-        sbi_partner_try_near(search, first, highest);
+    const sbi_pairs *pairs = &search->contact->pairs;
+    const int side = search->first_place / SBI_PAIR_SIDE, l = search->first_place % SBI_PAIR_SIDE;
+    if (search->first_place < 0)
+        sbi_partner_try_unlisted(search, search->first);
+    else if (!(pairs->picks[side].off[l] > 0))
+        sbi_partner_try_near(search, search->first, pairs->balls[side].highest[l]);
+}
+
+/* The next sample begins with a face. */
+static void sbi_partner_begin_with(sbi_pair_search *search, int face)
+{
+    const sbi_pair_balls *balls = search->contact->pairs.balls;
+    int place = 0;
+    if (face == search->first)
+        return;
+    while (place < search->listed && balls[place / SBI_PAIR_SIDE].face[place % SBI_PAIR_SIDE] != face)
+        place++;
+    search->first = face;
+    search->first_place = place < search->listed ? place : -1;
 }
 
 /* Tries those that may hold the sample; one first. */
-static void sbi_partner_try_holders(sbi_pair_search *search, int first)
+static void sbi_partner_try_holders(sbi_pair_search *search)
 {
     const sbi_pairs *pairs = &search->contact->pairs;
-    const int picked = sbi_partner_pick_holders(search);
+    const int sides = sbi_pairs_sides(search->listed);
+    for (int side = 0; side < sides; side++) {
+        sbi_partner_measure(pairs->balls + side, search->at, pairs->picks + side);
+        sbi_partner_ask_holders(pairs->balls + side, pairs->picks + side);
+    }
     search->best = search->nearest = -1;
-    if (first >= 0)
-        sbi_partner_try_first(search, first);
-    for (int i = 0; i < picked; i++) {
-        const sbi_pair_ball *ball = pairs->balls + pairs->picks[i].number;
-        if (ball->face != first && !sbi_partner_is_useless(search, ball, pairs->picks + i))
-            sbi_partner_try_near(search, ball->face, ball->highest);
+    if (search->first >= 0)
+        sbi_partner_try_first(search);
+    for (int side = 0; side < sides; side++) {
+        const sbi_pair_balls *balls = pairs->balls + side;
+        const sbi_pair_picks *picks = pairs->picks + side;
+        for (int l = 0; l < SBI_PAIR_SIDE; l++)
+            if (!(picks->off[l] > 0) && balls->face[l] != search->first &&
+                !sbi_partner_is_useless(search, balls, picks, l))
+                sbi_partner_try_near(search, balls->face[l], balls->highest[l]);
     }
 }
 
 /* ---- a sample behind faces none of which holds it ---- */
 
 /* The nearest face is no farther than this (m): as far as one is known to be that counts. */
-static sb_real sbi_partner_nearest_at_most(const sbi_pair_search *search, int first)
+static sb_real sbi_partner_nearest_at_most(const sbi_pair_search *search)
 {
+    const int first = search->first;
     const sb_contact *contact = search->contact;
     const sbi_pairs *pairs = &contact->pairs;
     if (search->nearest >= 0)
@@ -239,53 +280,73 @@ static sb_real sbi_partner_nearest_at_most(const sbi_pair_search *search, int fi
            (pairs->plates[first].bulge > 0 ? pairs->plates[first].radius : 0);
 }
 
-/* 1 when a sample may lie straight behind a face, no farther than that, as far as its plane tells. */
-SB_INLINE int sbi_partner_may_lie_behind(const sbi_pair_ball *ball, const sbi_pair_pick *pick, sb_real most)
+/* Which faces the sample may lie straight behind, no farther than `most`, as far as their planes tell. */
+static void sbi_partner_ask_backs(const sbi_pair_balls *SB_RESTRICT balls, sb_real most,
+                                  sbi_pair_picks *SB_RESTRICT picks)
 {
-    const sb_real height = pick->height, bulge = ball->plate.bulge;
-    const sb_real reach = ball->plate.radius + SBI_PAIR_SLANTED * (bulge - height) + ball->rounded;
-    const sb_real ball_reach = ball->plate.radius + sb_min(most, ball->most);
-    return (pick->square <= ball_reach * ball_reach) & (height < bulge) & (-height - bulge <= most + ball->rounded) &
-           (pick->beside <= reach * reach);
+    SBI_PAIR_EACH_SIDE(l)
+    {
+        const sb_real height = picks->height[l], bulge = balls->bulge[l], rounded = balls->rounded[l];
+        const sb_real reach = balls->radius[l] + SBI_PAIR_SLANTED * (bulge - height) + rounded;
+        const sb_real ball_reach = balls->radius[l] + sb_min(most, balls->most[l]);
+        const sb_real far = sb_max(picks->square[l] - ball_reach * ball_reach, picks->beside[l] - reach * reach);
+        const sb_real deep = -height - bulge - (most + rounded);
+        const sb_real front = height < bulge ? (sb_real)0 : (sb_real)1;
+        picks->off[l] = sb_max(sb_max(far, balls->out_of[SBI_PAIR_BACKS][l]), sb_max(front, deep));
+    }
 }
 
-/* The same by the nearest point of the face. */
-static int sbi_partner_may_be_behind(const sbi_pair_search *search, const sbi_pair_ball *ball, sb_real most)
+/* The same of one by its nearest point. */
+static int sbi_partner_may_be_behind(const sbi_pair_search *search, int other, sb_real most, sb_real rounded)
 {
     const sbi_pairs *pairs = &search->contact->pairs;
     sbi_partner_look look;
-    if (pairs->organs[ball->face] == pairs->organs[search->face])
+    if (pairs->organs[other] == pairs->organs[search->face])
         return 0;
-    sbi_partner_look_at(search, ball->face, &look);
-    return look.away < most + ball->rounded && SBI_PAIR_TURNED * look.away < ball->rounded - look.height;
+    sbi_partner_look_at(search, other, &look);
+    return look.away < most + rounded && SBI_PAIR_TURNED * look.away < rounded - look.height;
 }
 
 /* 1 when it may lie straight behind some face, no farther than the nearest is: that of all is to be found. */
-static int sbi_partner_is_behind_any(const sbi_pair_search *search, int first)
+static int sbi_partner_is_behind_any(const sbi_pair_search *search)
 {
     const sbi_pairs *pairs = &search->contact->pairs;
-    const int *list = pairs->lists[SBI_PAIR_BACKS];
-    sb_real most = sbi_partner_nearest_at_most(search, first);
-    for (int i = 0; i < pairs->list_counts[SBI_PAIR_BACKS]; i++) {
-        const sbi_pair_ball *ball = pairs->balls + list[i];
-        const sbi_pair_pick pick = sbi_partner_pick(ball, list[i], search->at);
-        if (sbi_partner_may_lie_behind(ball, &pick, most) && sbi_partner_may_be_behind(search, ball, most))
-            return 1;
+    sb_real most = sbi_partner_nearest_at_most(search);
+    for (int side = 0; side < sbi_pairs_sides(search->listed); side++) {
+        const sbi_pair_balls *balls = pairs->balls + side;
+        sbi_pair_picks *picks = pairs->picks + side;
+        sbi_partner_ask_backs(balls, most, picks);
+        for (int l = 0; l < SBI_PAIR_SIDE; l++)
+            if (!(picks->off[l] > 0) && sbi_partner_may_be_behind(search, balls->face[l], most, balls->rounded[l]))
+                return 1;
     }
     return 0;
+}
+
+/* How far the face is that the sample before this one was nearest to: what is farther is not the nearest. */
+static sb_real sbi_partner_first_away(const sbi_pair_search *search)
+{
+    sbi_partner_look look;
+    if (search->first_place < 0 ||
+        sbi_partner_is_far(search, search->first, sbi_partner_farthest(search->contact, search->first)))
+        return SB_REAL_MAX / 4;
+    sbi_partner_look_at(search, search->first, &look);
+    return look.away;
 }
 
 /* The nearest of all that the face may come near, whether or not its own rule can hold the sample. */
 static void sbi_partner_find_nearest(sbi_pair_search *search)
 {
     const sb_contact *contact = search->contact;
+    sb_real most = search->nearest < 0 ? sbi_partner_first_away(search) : search->nearest_away;
     for (int i = 0; i < search->coming_count; i++) {
         const int other = search->coming[i];
         sbi_partner_look look;
-        if ((search->nearest < 0 || !sbi_partner_is_far(search, other, search->nearest_away)) &&
-            !sbi_partner_is_far(search, other, sbi_partner_farthest(contact, other)) &&
-            sbi_partner_counts(search, other))
-            sbi_partner_try_nearest(search, other, &look);
+        if (sbi_partner_is_far(search, other, sb_min(most, sbi_partner_farthest(contact, other))) ||
+            !sbi_partner_counts(search, other))
+            continue;
+        sbi_partner_try_nearest(search, other, &look);
+        most = sb_min(most, search->nearest_away);
     }
 }
 
@@ -336,11 +397,16 @@ static void sbi_partner_try_around(sbi_pair_search *search)
 
 /* ---- a face that the sample will come to on its way ---- */
 
-/* 1 when a face may be on the sample's way, which is that long (m). */
-SB_INLINE int sbi_partner_may_come(const sbi_pair_ball *ball, const sbi_pair_pick *pick, sb_real way)
+/* Which faces may be on the sample's way, which is that long (m). */
+static void sbi_partner_ask_comers(const sbi_pair_balls *SB_RESTRICT balls, sb_real way,
+                                   sbi_pair_picks *SB_RESTRICT picks)
 {
-    const sb_real most = SBI_PARTNER_LOOSE * (way + ball->goes), reach = ball->plate.radius + most;
-    return (pick->square <= reach * reach) & (pick->height - ball->plate.bulge <= most + ball->rounded);
+    SBI_PAIR_EACH_SIDE(l)
+    {
+        const sb_real most = SBI_PARTNER_LOOSE * (way + balls->goes[l]), reach = balls->radius[l] + most;
+        const sb_real high = picks->height[l] - balls->bulge[l] - (most + balls->rounded[l]);
+        picks->off[l] = sb_max(sb_max(picks->square[l] - reach * reach, balls->out_of[SBI_PAIR_COMERS][l]), high);
+    }
 }
 
 static void sbi_partner_try_way(sbi_pair_search *search, int other)
@@ -379,66 +445,59 @@ static void sbi_partner_try_way(sbi_pair_search *search, int other)
 static void sbi_partner_try_ways(sbi_pair_search *search)
 {
     const sbi_pairs *pairs = &search->contact->pairs;
-    const int *list = pairs->lists[SBI_PAIR_COMERS];
     const sb_real way = sb_v3_norm(search->way);
-    for (int i = 0; search->best < 0 && i < pairs->list_counts[SBI_PAIR_COMERS]; i++) {
-        const sbi_pair_ball *ball = pairs->balls + list[i];
-        const sbi_pair_pick pick = sbi_partner_pick(ball, list[i], search->at);
-        if (sbi_partner_may_come(ball, &pick, way))
-            sbi_partner_try_way(search, ball->face);
+    for (int side = 0; search->best < 0 && side < sbi_pairs_sides(search->listed); side++) {
+        const sbi_pair_balls *balls = pairs->balls + side;
+        sbi_pair_picks *picks = pairs->picks + side;
+        sbi_partner_ask_comers(balls, way, picks);
+        for (int l = 0; search->best < 0 && l < SBI_PAIR_SIDE; l++)
+            if (!(picks->off[l] > 0))
+                sbi_partner_try_way(search, balls->face[l]);
     }
 }
 
 /* ---- a face and its samples ---- */
 
-/* A face that may come near, in the lists in which samples look for it. */
-static void sbi_partner_list_face(sbi_pair_search *search, int other, int lists, sb_real highest)
+/* A face that may come near, among those that samples look at. */
+static void sbi_partner_list_face(sbi_pair_search *search, const sbi_pair_related *related)
 {
-    sbi_pairs *pairs = &search->contact->pairs;
-    pairs->balls[search->listed] = sbi_partner_make_ball(search, other, highest);
-    for (int list = 0; list < SBI_PAIR_LISTS; list++) { /* no branches */
-        pairs->lists[list][pairs->list_counts[list]] = search->listed;
-        pairs->list_counts[list] += lists >> list & 1;
-    }
-    search->listed++;
+    const int place = search->listed++, l = place % SBI_PAIR_SIDE;
+    sbi_pair_balls *balls = search->contact->pairs.balls + place / SBI_PAIR_SIDE;
+    if (l == 0)
+        sbi_partner_clear_balls(balls);
+    sbi_partner_put_ball(search, related, balls, l);
 }
 
 SBI_API void sbi_pairs_begin_search(sb_contact *contact, const sbi_touch_step *step, int face, sbi_pair_search *search)
 {
-    int relating;
+    int count;
     memset(search, 0, sizeof *search);
     search->contact = contact;
     search->step = step;
     search->face = face;
-    search->first = -1;
+    search->first = search->first_place = -1;
     search->box = sbi_pairs_way_box(contact, face);
     search->coming_count = sbi_pairs_find_coming(contact, face, &search->coming);
-    memset(contact->pairs.list_counts, 0, sizeof contact->pairs.list_counts);
-    relating = sbi_pairs_find_relating(contact, face, search->coming, search->coming_count);
-    for (int i = 0; i < relating; i++) {
-        const int other = contact->pairs.relating[i];
-        sb_real highest = 0;
-        int lists = sbi_pairs_relate(contact, face, other, &highest);
-        if (lists && sbi_partner_counts(search, other))
-            sbi_partner_list_face(search, other, lists, highest);
-    }
+    count = sbi_pairs_find_related(contact, face, search->coming, search->coming_count);
+    for (int i = 0; i < count; i++)
+        if (sbi_partner_counts(search, contact->pairs.related[i].other))
+            sbi_partner_list_face(search, contact->pairs.related + i);
     search->slips = search->listed > 0 && sbi_pairs_is_inside_out(contact, face);
 }
 
 SBI_API void sbi_pairs_find_partner(sbi_pair_search *search, sb_vec3 at, sb_vec3 way)
 {
-    const int first = search->first;
     search->at = at;
     search->way = way;
     search->within_organ = -1;
-    sbi_partner_try_holders(search, first);
-    if (search->best < 0 && sbi_partner_is_behind_any(search, first)) {
+    sbi_partner_try_holders(search);
+    if (search->best < 0 && sbi_partner_is_behind_any(search)) {
         sbi_partner_find_nearest(search);
         if (sbi_partner_is_behind(search))
             sbi_partner_try_around(search);
     }
     if (search->nearest >= 0)
-        search->first = search->best >= 0 ? search->best : search->nearest;
+        sbi_partner_begin_with(search, search->best >= 0 ? search->best : search->nearest);
     if (search->best < 0)
         sbi_partner_try_ways(search);
 }

@@ -301,11 +301,9 @@ SBI_API int sbi_pairs_find_around(sb_contact *contact, int face, sb_real most);
 SBI_API sb_real sbi_pairs_between(const sb_contact *contact, int face, int other);
 /* Deepest overlap with a face at which a point is surely on this side of it (m). */
 SBI_API sb_real sbi_pairs_deepest(const sb_contact *contact, int face);
-/* Of a list of faces those that sbi_pairs_relate may put into any list, in pairs.relating; returns how many. */
-SBI_API int sbi_pairs_find_relating(sb_contact *contact, int face, const int *others, int count);
-/* Which lists another face is in, as bits, for the samples of a face where the step begins, and on their ways. In that
- * of holders *highest is what sbi_pairs_highest says. */
-SBI_API int sbi_pairs_relate(const sb_contact *contact, int face, int other, sb_real *highest);
+/* Of a list of faces those that samples of a face have to do with, where the step begins and on their ways, in
+ * pairs.related; returns how many. */
+SBI_API int sbi_pairs_find_related(sb_contact *contact, int face, const int *others, int count);
 
 /* ---- contact_still.c ---- */
 /* Faces near those of other organs where the step begins, or on its way, marked in pairs.near. */
@@ -318,7 +316,7 @@ SBI_API int sbi_pairs_is_still(const sb_contact *contact, int face);
 SBI_API void sbi_pairs_let_be(sb_contact *contact, int face);
 
 /* ---- contact_partner.c ---- */
-/* Looks for partners of a face's samples: what is near it. Writes pairs.found and pairs.lists. */
+/* Looks for partners of a face's samples: what is near it. Writes pairs.found and pairs.balls. */
 SBI_API void sbi_pairs_begin_search(sb_contact *contact, const sbi_touch_step *step, int face, sbi_pair_search *search);
 /* The partner of a sample of it at a place, on a way over the step (m): in search->best and closest. Writes
  * contact->scratch. */
@@ -518,12 +516,18 @@ SBI_API void sbi_contact_load_sample(const sb_contact *contact, int face, int pa
 SBI_API sb_vec3 sbi_contact_sample_motion(const sb_contact *contact, int face, int parts, int sample, const sb_vec3 *x);
 
 /* Place of a sample with these weights. */
-SB_INLINE sb_vec3 sbi_contact_mean(const sb_real *weights, const int *nodes, int count, const sb_vec3 *values)
+SBI_FORCE_INLINE sb_vec3 sbi_contact_mean_of(const sb_real *weights, const int *nodes, int count, const sb_vec3 *values)
 {
     sb_vec3 sum = sb_v3(0, 0, 0);
     for (int a = 0; a < count; a++)
         sum = sb_v3_madd(sum, weights[a], values[nodes[a]]);
     return sum;
+}
+/* The same; of triangles without a loop. */
+SB_INLINE sb_vec3 sbi_contact_mean(const sb_real *weights, const int *nodes, int count, const sb_vec3 *values)
+{
+    return count == 3 ? sbi_contact_mean_of(weights, nodes, 3, values)
+                      : sbi_contact_mean_of(weights, nodes, count, values);
 }
 
 #endif /* SB_CONTACT_PRIVATE_H */

@@ -21,8 +21,10 @@
 #define SBI_STILL_FAST ((sb_real)0.5)
 /* More than rounding takes from distances. */
 #define SBI_STILL_LOOSE ((sb_real)1.001)
+/* Of how far anything goes in a step: a face farther than this beyond what is paired is left out in the next one. */
+#define SBI_STILL_SOON ((sb_real)2.5)
 /* Steps in which a face that could not be left out is not asked again. */
-enum { SBI_STILL_RESTS = 8 };
+enum { SBI_STILL_RESTS = 3 };
 /* Of the shortest organ's faces: the least way that two points may come nearer unforeseen, with what they remember of
  * pressures; and of how far they strayed in the last step. */
 #define SBI_STILL_LEEWAY ((sb_real)0.05)
@@ -218,6 +220,23 @@ static sb_real sbi_still_sample_apart(const sb_contact *contact, int face, int c
     return least;
 }
 
+/* Keeps what in pairs.found may be nearer to a point of a face than `least`; returns how many. */
+static int sbi_still_keep_near(sb_contact *contact, int face, int count, sb_real least)
+{
+    sbi_pairs *pairs = &contact->pairs;
+    const sb_vec3 middle = pairs->plates[face].middle;
+    const sb_real most = SBI_STILL_LOOSE * (least + pairs->plates[face].radius);
+    int kept = 0;
+    for (int i = 0; i < count; i++) {
+        const int other = pairs->found[i];
+        const sb_vec3 way = sb_v3_sub(middle, pairs->plates[other].middle);
+        const sb_real reach = most + pairs->plates[other].radius;
+        pairs->found[kept] = other;
+        kept += sb_v3_dot(way, way) <= reach * reach;
+    }
+    return kept;
+}
+
 /* The least of all samples of a flat face, or what is not above `enough`; 0 where one may be within another organ. */
 static sb_real sbi_still_samples_apart(sb_contact *contact, int face, int count, sb_real enough, sb_real least)
 {
@@ -228,6 +247,8 @@ static sb_real sbi_still_samples_apart(sb_contact *contact, int face, int count,
     for (int i = 0; least > enough && i < rule->count; i++) {
         sb_vec3 at = sbi_contact_mean(rule->weights + (size_t)i * (size_t)size, nodes, size, contact->x);
         least = sbi_still_sample_apart(contact, face, count, at, enough, least);
+        if (i == 0) /* the others look no farther */
+            count = sbi_still_keep_near(contact, face, count, least);
     }
     /* no surface is in a ball of this radius around any sample; the balls cover the face: all is on its middle's side
      */
@@ -255,7 +276,7 @@ SBI_API void sbi_pairs_let_be(sb_contact *contact, int face)
 {
     sbi_pairs *pairs = &contact->pairs;
     sbi_pairs_still *still = &pairs->still;
-    sb_real apart, soon = still->last + still->ahead, enough = still->farthest + 4 * soon;
+    sb_real apart, soon = still->last + still->ahead, enough = still->farthest + SBI_STILL_SOON * soon;
     int count;
     if (!still->known || 2 * soon > pairs->reach - still->farthest || still->tired[face]-- > 0)
         return;

@@ -82,6 +82,8 @@ static sb_result sbi_contact_make_tool(sb_contact *contact, const sb_tool_def *d
         return result;
     result = sbi_tool_pose_check(&def->pose, "def.pose", &made->reached, error);
     if (result == SB_OK)
+        result = sbi_tool_place_check(made->shape, NULL, &made->reached, "def.pose", error);
+    if (result == SB_OK)
         result = sbi_contact_check_thickness(contact, made->shape, error);
     if (result == SB_OK)
         result = sbi_contact_take_chains(contact, made, def, error);
@@ -161,16 +163,21 @@ SB_API sb_result sb_contact_remove_tool(sb_contact *contact, int tool)
 SB_API sb_result sb_contact_move_tool(sb_contact *contact, int tool, const sb_pose *pose)
 {
     sbi_contact_tool *t;
+    sb_pose unit;
     sb_result result;
     if (!contact || !pose)
         return SB_ERROR_ARGUMENT;
     t = sbi_contact_find_tool(contact, tool);
     if (!t)
         return SB_ERROR_INDEX;
-    result = sbi_tool_pose_check(pose, "the pose", &t->wanted, NULL);
+    result = sbi_tool_pose_check(pose, "the pose", &unit, NULL);
     if (result == SB_OK)
-        sbi_contact_tell_pose(contact, SBI_CONTACT_MOVE, tool, pose);
-    return result;
+        result = sbi_tool_place_check(t->shape, t->chain_wanted, &unit, "the pose", NULL);
+    if (result != SB_OK)
+        return result;
+    t->wanted = unit;
+    sbi_contact_tell_pose(contact, SBI_CONTACT_MOVE, tool, pose);
+    return SB_OK;
 }
 
 SB_API sb_result sb_contact_place_tool(sb_contact *contact, int tool, const sb_pose *pose, sb_error *error)
@@ -184,6 +191,8 @@ SB_API sb_result sb_contact_place_tool(sb_contact *contact, int tool, const sb_p
     if (!t)
         return sbi_fail(error, SB_ERROR_INDEX, "there is no tool %d", tool);
     result = sbi_tool_pose_check(pose, "the pose", &unit, error);
+    if (result == SB_OK)
+        result = sbi_tool_place_check(t->shape, t->chain_reached, &unit, "the pose", error);
     if (result == SB_OK)
         result = sbi_contact_check_depth(contact, t->shape, t->chain_reached, &unit, error);
     if (result != SB_OK)
@@ -208,6 +217,8 @@ SB_API sb_result sb_contact_bend_tool(sb_contact *contact, int tool, const sb_ve
     if (count == 0)
         return SB_ERROR_ARGUMENT;
     result = sbi_tool_chain_check(points, count, sbi_tool_radius(t->shape), "points", NULL);
+    if (result == SB_OK)
+        result = sbi_tool_place_check(t->shape, points, &t->wanted, "points", NULL);
     if (result != SB_OK)
         return result;
     memcpy(t->chain_wanted, points, (size_t)count * sizeof *points);

@@ -471,6 +471,26 @@ SBI_API sb_real sbi_tool_motion(const sbi_tool *tool, const sb_vec3 *chain0, con
     return most;
 }
 
+/* Of a tool's radius: more than rounding may move a point by where it is. Ways end before a gap of 0.05 of it is used
+ * up (contact_sweep.c), and take two such roundings. */
+#define SBI_TOOL_ROUNDED ((sb_real)0.01)
+
+SBI_API sb_result sbi_tool_place_check(const sbi_tool *tool, const sb_vec3 *chain, const sb_pose *pose,
+                                       const char *name, sb_error *error)
+{
+    const sb_real radius = sb_min(tool->radius, SBI_TOOL_MOST_LENGTH); /* a plane's has no bound */
+    const sb_real most = sb_min(SBI_TOOL_MOST_LENGTH, SBI_TOOL_ROUNDED / SB_EPSILON * radius);
+    sb_real far = sbi_tool_largest_coordinate(pose->position);
+    for (int i = 0; i < sbi_tool_hull_count(tool); i++)
+        far = sb_max(far, sbi_tool_largest_coordinate(sbi_pose_to_space(pose, sbi_tool_hull_point(tool, chain, i))));
+    if (far <= most)
+        return SB_OK;
+    return sbi_fail(error, SB_ERROR_ARGUMENT,
+                    "%s takes the tool too far: %g m from the origin, where rounding is no longer small beside its "
+                    "radius; at most %g m",
+                    name, (double)far, (double)most);
+}
+
 /* ---- poses ---- */
 
 SBI_API sb_vec3 sbi_pose_rotation(const sb_pose *from, const sb_pose *to)

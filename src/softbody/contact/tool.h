@@ -91,6 +91,12 @@ SBI_API sb_result sbi_tool_pose_check(const sb_pose *pose, const char *name, sb_
 SBI_API sb_result sbi_tool_chain_check(const sb_vec3 *points, int count, sb_real radius, const char *name,
                                        sb_error *error);
 
+/* Refuses a pose, with a chain as sbi_tool_distance has, at which a point of the tool is farther than 1e9 m from the
+ * origin of space, or so far that rounding moves it by a hundredth of the tool's radius: where it is on its way could
+ * not be told, and it would come back as if through what lies between. SB_ERROR_ARGUMENT. */
+SBI_API sb_result sbi_tool_place_check(const sbi_tool *tool, const sb_vec3 *chain, const sb_pose *pose,
+                                       const char *name, sb_error *error);
+
 /* Distance of a point from the tool (m, negative inside), both in the tool's frame, and the unit normal out of the
  * tool, which is the distance's gradient. chain: of capsules, [point_count] in place of the tool's own (NULL: its own),
  * checked by the caller. Where there is no gradient (on the skeleton, but for a box on the middle of its core) the

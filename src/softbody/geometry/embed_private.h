@@ -2,6 +2,7 @@
 #ifndef SBI_EMBED_PRIVATE_H
 #define SBI_EMBED_PRIVATE_H
 
+#include "../base/lanes.h"
 #include "embed.h"
 #include "embed_search.h"
 
@@ -21,12 +22,7 @@ enum {
     SBI_EMBED_RING = 64 /* most triangles around a point whose ring is put in order */
 };
 
-/* gcc would unroll a loop over lanes before it can see vectors in it, and then spill what it unrolled. */
-#if defined(__GNUC__) && !defined(__clang__)
-#define SBI_EMBED_EACH_LANE(l) _Pragma("GCC unroll 1") for (int l = 0; l < SBI_EMBED_LANES; l++)
-#else
-#define SBI_EMBED_EACH_LANE(l) for (int l = 0; l < SBI_EMBED_LANES; l++)
-#endif
+#define SBI_EMBED_EACH_LANE(l) SBI_EACH_LANE(l, SBI_EMBED_LANES)
 
 /* Rows of ascending items. */
 typedef struct sbi_embed_lists {

@@ -116,10 +116,10 @@ static int sbi_mg_take_parents(sbi_multigrid *m, const sbi_mg_rows *rows, sbi_mg
     size_t n = (size_t)level->row_count, coarse = (size_t)rows->coarse_count, entries = (size_t)rows->start[n];
     level->parent_start = sbi_owned_take_ints(&m->owned, n + 1);
     level->parents = sbi_owned_take_ints(&m->owned, entries);
-    level->shares = sbi_owned_take_floats(&m->owned, entries, 1);
+    level->shares = sbi_owned_take_unset_floats(&m->owned, entries, 1);
     level->child_start = sbi_owned_take_ints(&m->owned, coarse + 2);
     level->children = sbi_owned_take_ints(&m->owned, entries);
-    level->child_shares = sbi_owned_take_floats(&m->owned, entries, 1);
+    level->child_shares = sbi_owned_take_unset_floats(&m->owned, entries, 1);
     if (!level->parent_start || !level->parents || !level->shares || !level->child_start || !level->children ||
         !level->child_shares)
         return 0;
@@ -150,36 +150,30 @@ typedef struct sbi_mg_planner {
     int *mixed_columns; /* [mixed_count] coarse node of each block of A P */
 } sbi_mg_planner;
 
-/* Rows of A P: every block of A has a place in its row for each parent of its column. Returns their number; with
- * slots, writes them and the columns. */
-static size_t sbi_mg_walk_mixed(const sbi_mg_planner *planner, const sbi_mg_level *level, int *slots)
+/* Rows of A P: every block of A has a place in its row for each parent of its column. Writes the slots and the columns;
+ * returns the number of places. */
+static int sbi_mg_walk_mixed(const sbi_mg_planner *planner, sbi_mg_level *level)
 {
-    size_t total = 0, slot = 0;
-    int *place = planner->place;
+    int total = 0, slot = 0, *place = planner->place, *slots = level->slots;
     for (int a = 0; a < planner->coarse_count; a++)
         place[a] = -1;
     for (int i = 0; i < level->row_count; i++) {
-        size_t first = total;
-        if (slots)
-            level->mixed_start[i] = (int)total;
-        if (slots)
-            level->slot_start[i] = (int)slot;
+        int first = total;
+        level->mixed_start[i] = total;
+        level->slot_start[i] = slot;
         for (int q = level->row_start[i]; q < level->row_start[i + 1]; q++) {
             int j = level->columns[q];
-            for (int k = level->parent_start[j]; k < level->parent_start[j + 1]; k++, slot++) {
+            for (int k = level->parent_start[j]; k < level->parent_start[j + 1]; k++) {
                 int a = level->parents[k];
-                if (place[a] < (int)first) {
-                    if (slots)
-                        planner->mixed_columns[total] = a;
-                    place[a] = (int)total++;
+                if (place[a] < first) {
+                    planner->mixed_columns[total] = a;
+                    place[a] = total++;
                 }
-                if (slots)
-                    slots[slot] = place[a];
-                if (total >= INT_MAX || slot >= INT_MAX)
-                    return (size_t)-1;
+                slots[slot++] = place[a];
             }
         }
     }
+    level->mixed_start[level->row_count] = total;
     return total;
 }
 
@@ -193,19 +187,17 @@ static size_t sbi_mg_count_slots(const sbi_mg_level *level)
 
 static int sbi_mg_plan_mixed(sbi_multigrid *m, sbi_mg_planner *planner, sbi_mg_level *level)
 {
-    size_t rows = (size_t)level->row_count, mixed = sbi_mg_walk_mixed(planner, level, NULL);
-    if (mixed == (size_t)-1)
+    size_t rows = (size_t)level->row_count, slots = sbi_mg_count_slots(level);
+    if (slots >= INT_MAX)
         return 0;
     level->mixed_start = sbi_owned_take_ints(&m->owned, rows + 1);
     level->slot_start = sbi_owned_take_ints(&m->owned, rows + 1);
-    level->slots = sbi_owned_take_ints(&m->owned, sbi_mg_count_slots(level));
-    level->mixed = sbi_owned_take_floats(&m->owned, mixed, 9);
-    planner->mixed_columns = (int *)sbi_alloc(planner->allocator, mixed, sizeof(int));
-    if (!level->mixed_start || !level->slot_start || !level->slots || !level->mixed || !planner->mixed_columns)
+    level->slots = sbi_owned_take_ints(&m->owned, slots);
+    planner->mixed_columns = (int *)sbi_alloc(planner->allocator, slots, sizeof(int)); /* places are slots at most */
+    if (!level->mixed_start || !level->slot_start || !level->slots || !planner->mixed_columns)
         return 0;
-    sbi_mg_walk_mixed(planner, level, level->slots);
-    level->mixed_start[rows] = (int)mixed;
-    return 1;
+    level->mixed = sbi_owned_take_unset_floats(&m->owned, (size_t)sbi_mg_walk_mixed(planner, level), 9);
+    return level->mixed != NULL;
 }
 
 /* Visits the columns of each row of P^T A P once, the row itself included. Without columns: counts them in fill[row].
@@ -320,7 +312,7 @@ static int sbi_mg_plan_sums(sbi_multigrid *m, const sbi_mg_planner *planner, sbi
     total = start[blocks + 1];
     fine->sum_start = start;
     fine->sum_blocks = sbi_owned_take_ints(&m->owned, total + SBI_MG_BLOCKS_AHEAD);
-    fine->sum_shares = sbi_owned_take_floats(&m->owned, total, 1);
+    fine->sum_shares = sbi_owned_take_unset_floats(&m->owned, total, 1);
     if (!fine->sum_blocks || !fine->sum_shares)
         return 0;
     memset(fine->sum_blocks + total, 0, SBI_MG_BLOCKS_AHEAD * sizeof(int));

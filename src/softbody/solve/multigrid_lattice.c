@@ -1,6 +1,7 @@
 /* multigrid_lattice: coarse nodes on a lattice laid over the nodes of a level. */
 #include "multigrid_level.h"
 
+#include <limits.h>
 #include <math.h>
 #include <string.h>
 
@@ -306,15 +307,6 @@ static const sbi_cubes *sbi_cubes_of(const sbi_cubes_maker *m, int row)
     return m->lattices + (m->nodes->labels ? m->nodes->labels[row] : 0);
 }
 
-static int sbi_cubes_count_entries(const sbi_cubes_maker *m)
-{
-    int entries = 0;
-    for (int i = 0; i < m->level->row_count; i++)
-        if (!sbi_cubes_is_alone(m->level, i))
-            entries += sbi_cubes_find(sbi_cubes_of(m, i), m->nodes->positions[i]).count;
-    return entries;
-}
-
 static void sbi_cubes_fill(sbi_cubes_maker *m, sbi_mg_rows *rows)
 {
     int entries = 0;
@@ -404,25 +396,40 @@ static int sbi_cubes_take_rows(sbi_cubes_maker *m, const sb_allocator *allocator
     return 1;
 }
 
+/* Positions and regions of the coarse nodes, which were numbered in the order of the lists. */
+static void sbi_cubes_place_nodes(const sbi_cubes_maker *m, sbi_mg_rows *rows)
+{
+    int next = 0;
+    for (int p = 0; p < m->point_count; p++)
+        for (int s = m->list_start[p]; s < m->list_start[p + 1]; s++) {
+            int e = m->list[s];
+            if (m->number[e] < next)
+                continue;
+            rows->positions[next] = sbi_cubes_position(sbi_cubes_of(m, m->owner[e]), m->points[p]);
+            if (rows->labels)
+                rows->labels[next] = m->nodes->labels[m->owner[e]];
+            next++;
+        }
+}
+
 static int sbi_cubes_make_rows(sbi_cubes_maker *m, const sb_allocator *allocator, sbi_mg_rows *rows)
 {
-    int entries = sbi_cubes_count_entries(m), made;
-    if (!sbi_cubes_take_rows(m, allocator, entries, rows))
-        return 0;
+    int entries;
+    if (m->level->row_count > INT_MAX / 4 || !sbi_cubes_take_rows(m, allocator, 4 * m->level->row_count, rows))
+        return 0; /* a node lies in a tet */
     sbi_cubes_fill(m, rows);
+    entries = rows->start[m->level->row_count];
     sbi_cubes_sort(m, rows, entries);
     rows->coarse_count = sbi_cubes_split(m);
     rows->positions = (sb_vec3 *)sbi_alloc(allocator, (size_t)rows->coarse_count, sizeof(sb_vec3));
     if (m->nodes->labels)
         rows->labels = (int *)sbi_alloc(allocator, (size_t)rows->coarse_count, sizeof(int));
-    made = rows->positions && (rows->labels || !m->nodes->labels);
-    for (int e = 0; e < entries && made; e++) {
-        rows->positions[m->number[e]] = sbi_cubes_position(sbi_cubes_of(m, m->owner[e]), m->points[rows->nodes[e]]);
+    if (!rows->positions || (!rows->labels && m->nodes->labels))
+        return 0;
+    sbi_cubes_place_nodes(m, rows);
+    for (int e = 0; e < entries; e++)
         rows->nodes[e] = m->number[e];
-        if (rows->labels)
-            rows->labels[m->number[e]] = m->nodes->labels[m->owner[e]];
-    }
-    return made;
+    return 1;
 }
 
 SBI_API void sbi_mg_rows_free(const sb_allocator *allocator, sbi_mg_rows *rows)
@@ -440,7 +447,8 @@ static int sbi_cubes_take_scratch(sbi_cubes_maker *m, const sb_allocator *alloca
     size_t places = 64, lattices;
     m->lattice_count = m->nodes->labels ? m->nodes->regions->count : 1;
     lattices = (size_t)m->lattice_count;
-    while (places < 16 * (size_t)m->level->row_count)
+    /* twice the points that can come: half of the rows and some, or the corners of one cell of each region */
+    while (places < (size_t)m->level->row_count + 16 * lattices + 64)
         places *= 2;
     m->table.mask = places - 1;
     m->table.points = (int64_t *)sbi_alloc(allocator, places, sizeof(int64_t));
