@@ -8,8 +8,8 @@ enum { FLIGHT_STEPS = 20 };
 
 typedef struct flight {
     press p;
-    sb_vec3 velocity, gravity;    /* m/s, m/s^2 */
-    sb_vec3 at[2], press[2];      /* tools' places, and what they move by beside the velocity (m/s) */
+    sb_vec3 velocity, gravity; /* m/s, m/s^2 */
+    sb_vec3 at[2], press[2];   /* tools' places, and what they move by beside the velocity (m/s) */
     int tools[2], tool_count;
     double dt, unit, mass;        /* s, m, kg */
     double rounding;              /* N: of momentum over dt */
@@ -36,9 +36,9 @@ static void flight_add_tool(flight *f, unsigned long long *seed)
     const double x = check_random_in(seed, 0.02, 0.08), y = check_random_in(seed, 0.02, 0.08);
     sb_tool_def tool;
     f->at[t] = sb_v3(REAL(f->unit * x), REAL(f->unit * y), REAL(below ? -radius - near : height + radius + near));
-    f->press[t] = sb_v3_scale(REAL(f->unit), sb_v3(REAL(check_random_in(seed, -0.1, 0.1)),
-                                                   REAL(check_random_in(seed, -0.1, 0.1)),
-                                                   REAL((below ? 1 : -1) * random_scale(seed, 0.01, 0.2))));
+    f->press[t] =
+        sb_v3_scale(REAL(f->unit), sb_v3(REAL(check_random_in(seed, -0.1, 0.1)), REAL(check_random_in(seed, -0.1, 0.1)),
+                                         REAL((below ? 1 : -1) * random_scale(seed, 0.01, 0.2))));
     tool = press_sphere(radius, check_random_in(seed, 0, 1), f->at[t]);
     f->tools[t] = press_add(&f->p, &tool);
 }
@@ -89,8 +89,8 @@ static double flight_touch(const flight *f)
     return sum;
 }
 
-/* What the rate of momentum differs by from weight and tools' forces beyond rounding, of their magnitudes; 0 where the step was
- * divided, whose last part alone has the forces that are read, or cut short. */
+/* What the rate of momentum differs by from weight and tools' forces beyond rounding, of their magnitudes; 0 where the
+ * step was divided, whose last part alone has the forces that are read, or cut short. */
 static double flight_step(flight *f)
 {
     sb_vec3 before, rate, forces = sb_v3_scale(REAL(f->mass), f->gravity);

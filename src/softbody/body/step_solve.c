@@ -83,7 +83,8 @@ static double sbi_step_touch_outside(const sbi_step *step)
 
 static double sbi_step_touch_share_of(double change, double scale)
 {
-    return scale > (double)SB_EPSILON * change ? change / scale : 1 / (double)SB_EPSILON; /* forces may be next to none */
+    return scale > (double)SB_EPSILON * change ? change / scale
+                                               : 1 / (double)SB_EPSILON; /* forces may be next to none */
 }
 
 /* The same of the largest force, or where nothing holds the body 2.5 times their sum of forces from outside, since what

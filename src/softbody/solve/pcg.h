@@ -30,7 +30,7 @@ typedef struct sb_pcg_workspace {
     void *guests; /* internal: what is kept of those that are solved together with the matrix; NULL: there were none */
     size_t guest_bytes;
     const struct sbi_pcg_extra *extra; /* internal: what is added to the matrix; NULL: nothing */
-    struct sbi_pcg_record *record; /* internal: what is known of the last solve */
+    struct sbi_pcg_record *record;     /* internal: what is known of the last solve */
     sb_allocator allocator;
 } sb_pcg_workspace;
 
