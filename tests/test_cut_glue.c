@@ -92,7 +92,8 @@ static void beam_iterations(block *b, double means[2])
 }
 
 /* A cut through elements costs steps no more iterations than one between them, in a mesh that was made for it: half a
- * beam deep that is 1.1 times those of a whole beam at rest, and 1.5 times while it swings, by hand too. */
+ * beam deep that is 1.1 times those of a whole beam at rest, and 1.2 times while it swings, as its lips move apart in
+ * the coarse space, too. */
 static void test_iterations(void)
 {
     enum { WHOLE = 0, BY_HAND = 1, LAG = 2, GLUE = 3, KINDS = 4 };
@@ -126,9 +127,10 @@ static void test_iterations(void)
            means[BY_HAND][0], means[LAG][0], means[GLUE][0], means[WHOLE][1], means[BY_HAND][1], means[LAG][1],
            means[GLUE][1]);
     for (int kind = LAG; kind <= GLUE; kind++) {
-        CHECK(means[kind][0] <= 1.3 * means[WHOLE][0]);
-        for (int moving = 0; moving < 2; moving++)
+        for (int moving = 0; moving < 2; moving++) {
+            CHECK(means[kind][moving] <= 1.3 * means[WHOLE][moving]);
             CHECK(means[kind][moving] <= 1.05 * means[BY_HAND][moving] + 0.5);
+        }
     }
 }
 

@@ -708,10 +708,31 @@ static void test_preconditioners(void)
     live_mesh_free(&before);
 }
 
-/* Pieces are a function of mesh and rest shape alone: after nodes have moved in the material, a little or far, one or
- * many, a preconditioner that follows gives the bits of one made anew, whether it cut its pieces again or saw that
- * they stay. */
-static void test_pieces_that_stay(void)
+/* A node a dozen couplings away at most from node i. */
+static int near_node(const sb_matrix *a, int i, unsigned long long *seed)
+{
+    for (int step = 0; step < 12; step++)
+        i = a->columns[a->row_start[i] + (int)check_random_in(seed, 0, a->row_end[i] - a->row_start[i] - 0.5)];
+    return i;
+}
+
+/* Moves some nodes, a little or far, one or many. */
+static void move_nodes(sb_vec3 *X, int rows, int round, unsigned long long *seed)
+{
+    int moved = round % 3 == 0 ? 1 : round % 3 == 1 ? 8 : 60;
+    double far = round % 5 == 4 ? 0.5 : round % 2 ? 0.1 : 0.002;
+    for (int k = 0; k < moved; k++) {
+        sb_vec3 *x = X + (int)check_random_in(seed, 0, rows - 0.5);
+        x->x += (sb_real)check_random_in(seed, -far, far);
+        x->y += (sb_real)check_random_in(seed, -far, far);
+        x->z += (sb_real)check_random_in(seed, -far, far);
+    }
+}
+
+/* Pieces are a function of mesh and rest shape alone: after nodes have moved in the material a preconditioner that
+ * follows gives the bits of one made anew, whether it cut its pieces again or saw that they stay. twins: a node goes
+ * into the place of another one, as nodes in the lips of a cut are, and the next time on from there. */
+static void check_pieces_that_stay(int pieces, int twins)
 {
     live_mesh m = live_mesh_box(8, 8, 16, 2);
     sb_matrix a = live_matrix(&m, 0.1, NULL);
@@ -720,22 +741,22 @@ static void test_pieces_that_stay(void)
     size_t rows = (size_t)a.row_count;
     sb_real *r = (sb_real *)calloc(9 * rows, sizeof(sb_real));
     unsigned long long seed = 4;
-    int rounds = check_quick() ? 10 : 60;
+    int rounds = check_quick() ? 10 : 60, node = 0;
     fill_definite(&a);
     for (size_t k = 0; k < 3 * rows; k++)
         r[k] = (sb_real)check_random_in(&seed, -1, 1);
     def.kind = SB_PRECOND_BLOCK_JACOBI;
     def.positions = m.X;
-    def.piece_count = 24;
+    def.piece_count = pieces;
     CHECK_OK(sb_preconditioner_create(&def, &a, NULL, &follows, NULL));
     for (int round = 0; round < rounds; round++) {
-        int moved = round % 3 == 0 ? 1 : round % 3 == 1 ? 8 : 60;
-        double far = round % 5 == 4 ? 0.5 : round % 2 ? 0.1 : 0.002;
-        for (int k = 0; k < moved; k++) {
-            sb_vec3 *X = m.X + (int)check_random_in(&seed, 0, (double)rows - 0.5);
-            X->x += (sb_real)check_random_in(&seed, -far, far);
-            X->y += (sb_real)check_random_in(&seed, -far, far);
-            X->z += (sb_real)check_random_in(&seed, -far, far);
+        if (!twins) {
+            move_nodes(m.X, a.row_count, round, &seed);
+        } else if (round % 2 == 0) {
+            node = (int)check_random_in(&seed, 0, (double)rows - 0.5);
+            m.X[node] = m.X[near_node(&a, node, &seed)];
+        } else {
+            m.X[node].x += (sb_real)check_random_in(&seed, -0.002, 0.002);
         }
         sbi_precond_follow(follows, &a, m.X);
         CHECK_OK(sb_preconditioner_create(&def, &a, NULL, &anew, NULL));
@@ -750,6 +771,12 @@ static void test_pieces_that_stay(void)
     free(r);
     sb_matrix_free(&a);
     live_mesh_free(&m);
+}
+
+static void test_pieces_that_stay(void)
+{
+    check_pieces_that_stay(24, 0);
+    check_pieces_that_stay(4, 1);
 }
 
 /* ---- bodies are not made anew where they need not be ---- */

@@ -30,7 +30,8 @@ typedef struct sb_preconditioner_def {
     sb_precond_kind kind;     /* default SB_PRECOND_AUTO */
     const sb_vec3 *positions; /* [row_count] (m), read at creation only; NULL (default): no coarse space */
     int piece_count; /* rigid pieces of the coarse space, >= 0; 0: none; default SB_PRECOND_PIECES_AUTO. Each connected
-                      * part of the pattern gets its share of them, one at least */
+                      * part of the pattern gets its share of them, one at least, and more where nodes in one place
+                      * show that a cut ends in a piece: up to twice as many in all */
     int power;       /* FSAI: 1 to SB_PRECOND_MAX_POWER, default 1. 2 takes 0.6 to 0.7 times the iterations, but four to
                       * seven times the memory and seven (tet4) to fifty times (tet10) the set-up */
     sb_jobs jobs;    /* copied; default inline. IC0 with a coarse space gives two threads something to do from 1,000

@@ -120,7 +120,7 @@ static int sbi_precond_find_pieces(sb_preconditioner *p, const sb_matrix *a, con
 {
     sbi_precond_coarse *c = &p->coarse;
     size_t rows = (size_t)a->row_count;
-    int *scratch = (int *)sbi_alloc(&p->owned.allocator, 6 * rows + 1, sizeof(int));
+    int *scratch = (int *)sbi_alloc(&p->owned.allocator, 8 * rows + 1, sizeof(int));
     sb_vec3 *centres = (sb_vec3 *)sbi_alloc(&p->owned.allocator, rows, sizeof(sb_vec3));
     c->piece_nodes = sbi_owned_take_ints(&p->owned, rows);
     c->piece_of = sbi_owned_take_ints(&p->owned, rows);
@@ -183,7 +183,8 @@ SBI_API int sbi_precond_take_coarse(sb_preconditioner *p, int pieces)
     c->cuts.split_of = sbi_owned_take_ints(&p->owned, rows);
     c->cuts.axis = sbi_owned_take_ints(&p->owned, most);
     c->cuts.positions = (sb_vec3 *)sbi_owned_take(&p->owned, rows, sizeof(sb_vec3));
-    if (!c->cuts.splits || !c->cuts.split_of || !c->cuts.axis || !c->cuts.positions)
+    c->cuts.places = sbi_owned_take_ints(&p->owned, rows);
+    if (!c->cuts.splits || !c->cuts.split_of || !c->cuts.axis || !c->cuts.positions || !c->cuts.places)
         return 0;
     c->piece_nodes = sbi_owned_take_ints(&p->owned, rows);
     c->piece_of = sbi_owned_take_ints(&p->owned, rows);
@@ -211,7 +212,7 @@ static int sbi_precond_recut_pieces(sb_preconditioner *p, const sb_matrix *a, in
 {
     sbi_precond_coarse *c = &p->coarse;
     size_t rows = (size_t)a->row_count;
-    int *before = p->scratch + 6 * rows + 1, count = c->piece_count; /* beyond what the cut uses */
+    int *before = p->scratch + 8 * rows + 1, count = c->piece_count; /* beyond what the cut uses */
     if (c->cuts_tell &&
         sbi_precond_pieces_stay(a, p->rest, &c->cuts, c->piece_of, c->piece_count, p->scratch, p->centres))
         return 0;

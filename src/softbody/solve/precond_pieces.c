@@ -2,8 +2,12 @@
  *
  * A piece never holds nodes that do not hang together: its one motion would be that of things that move apart (parts of
  * a body that lie between each other, the lips of a cut), and glue them. So each connected part is cut by itself, and
- * where a cut by coordinates leaves fragments, each is a piece or joins the one that it touches. */
+ * where a cut by coordinates leaves fragments, each is a piece or joins the one that it touches. Lips that hang
+ * together round the front of their cut are told by nodes in the same place, and are pieces of their own, too. */
+#include <limits.h>
 #include <string.h>
+
+#include "../base/bytes.h"
 
 #include "precond_private.h"
 #include "sparse_live.h"
@@ -101,7 +105,12 @@ typedef struct sbi_piece_maker {
     int *touching;        /* [rows] blocks that the fragment at work shares with each other one; otherwise 0 */
     sb_vec3 *centres;     /* [rows] */
     sbi_piece_cuts *cuts; /* notes how it was cut, or NULL */
-    int piece_count;
+    const int *place_of;  /* [rows] the first node in the same place */
+    int *last_at;         /* [rows] -1; while twins are looked for, by place: the last node met there */
+    int has_twins;        /* 1: nodes share a place */
+    int most;             /* pieces from which on lips are not parted */
+    int piece_count;      /* of the parts before, */
+    int own_count;        /* and of the part at work */
 } sbi_piece_maker;
 
 /* Notes a cut of nodes[0, count) after the first `left` of them; its number. */
@@ -274,6 +283,150 @@ static void sbi_piece_line_up(sbi_piece_maker *m, int begin, int end, int count)
     m->piece_count += count;
 }
 
+/* ---- lips ---------------------------------------------------------------------------------------------- */
+
+enum {
+    SBI_LIPS_APART =
+        3, /* blocks from one lip to the other where they are apart: round the front of a cut two will do */
+    SBI_LIPS_LOOKS = 16 /* pairs of nodes in a piece whose ways to each other are looked for */
+};
+
+static int sbi_piece_same_place(const sb_vec3 *a, const sb_vec3 *b) { return memcmp(a, b, sizeof *a) == 0; }
+
+/* place_of[i] = the first node where node i is, to the last bit: virtual nodes are made so. Returns 1 when one is not
+ * alone in its place. table [4 rows]: scratch. */
+static int sbi_piece_find_places(const sb_vec3 *positions, int rows, int *table, int *place_of)
+{
+    size_t size = 2;
+    int shared = 0;
+    while (size < 2 * (size_t)rows)
+        size *= 2;
+    for (size_t k = 0; k < size; k++)
+        table[k] = -1;
+    for (int i = 0; i < rows; i++) {
+        uint64_t hash = sbi_hash_word(sbi_hash_word(0, sbi_real_bits(positions[i].x)), sbi_real_bits(positions[i].y));
+        size_t at = (size_t)sbi_hash_word(hash, sbi_real_bits(positions[i].z)) & (size - 1);
+        while (table[at] >= 0 && !sbi_piece_same_place(positions + table[at], positions + i))
+            at = (at + 1) & (size - 1);
+        table[at] = table[at] < 0 ? i : table[at];
+        place_of[i] = table[at];
+        shared |= table[at] != i;
+    }
+    return shared;
+}
+
+/* Blocks on the way from node `from` to each of the piece's nodes[count]. */
+static void sbi_piece_measure_ways(sbi_piece_maker *m, const int *nodes, int count, int from, int *ways)
+{
+    const sb_matrix *a = m->a;
+    int *queue = m->list, met = 1;
+    for (int k = 0; k < count; k++)
+        ways[nodes[k]] = -1;
+    queue[0] = from;
+    ways[from] = 0;
+    for (int head = 0; head < met; head++) {
+        int i = queue[head];
+        for (int q = a->row_start[i]; q < a->row_end[i]; q++) {
+            int j = a->columns[q];
+            if (m->fragment_of[j] != m->fragment_of[i] || ways[j] >= 0)
+                continue;
+            ways[j] = ways[i] + 1;
+            queue[met++] = j;
+        }
+    }
+}
+
+/* Two nodes of a piece in one place. */
+typedef struct sbi_piece_twins {
+    int first, second; /* -1: there are none */
+} sbi_piece_twins;
+
+/* The node halfway along a shortest way to node `to`. */
+static int sbi_piece_middle(const sbi_piece_maker *m, int to, const int *ways)
+{
+    const sb_matrix *a = m->a;
+    int left = ways[to] / 2;
+    while (ways[to] > left)
+        for (int q = a->row_start[to], at = to; to == at; q++)
+            if (m->fragment_of[a->columns[q]] == m->fragment_of[at] && ways[a->columns[q]] == ways[at] - 1)
+                to = a->columns[q];
+    return to;
+}
+
+/* The twins among a piece's nodes[count] that are farthest from each other within it, of such the first; or, of many,
+ * some of the farthest. None are farther than by way of the node halfway between the first ones, which lies near the
+ * front of the cut. ways, others: scratch */
+static sbi_piece_twins sbi_piece_find_twins(sbi_piece_maker *m, const int *nodes, int count, int *ways, int *others)
+{
+    sbi_piece_twins best = {-1, -1};
+    int farthest = SBI_LIPS_APART - 1, looks = 0;
+    for (int k = 0; k < count; k++) {
+        int i = nodes[k], other = m->last_at[m->place_of[i]];
+        m->last_at[m->place_of[i]] = i;
+        if (other < 0 || looks == SBI_LIPS_LOOKS || (looks > 0 && others[i] + others[other] <= farthest))
+            continue;
+        sbi_piece_measure_ways(m, nodes, count, other, ways);
+        if (looks++ == 0)
+            sbi_piece_measure_ways(m, nodes, count, sbi_piece_middle(m, i, ways), others);
+        if (ways[i] <= farthest)
+            continue;
+        farthest = ways[i];
+        best.first = other;
+        best.second = i;
+    }
+    for (int k = 0; k < count; k++)
+        m->last_at[m->place_of[nodes[k]]] = -1;
+    return best;
+}
+
+/* Parts the piece nodes[count], in ascending order, where its widest open twins lie on two lips of a cut: each node
+ * goes with the one that it is nearer to, so that both halves hang together. And so on with these. */
+static void sbi_piece_part_lips(sbi_piece_maker *m, int *nodes, int count)
+{
+    int *ways = m->roots, *others = m->sizes, *moved = m->list, stay = 0, go = 0;
+    sbi_piece_twins twins;
+    if (m->piece_count + m->own_count >= m->most)
+        return;
+    twins = sbi_piece_find_twins(m, nodes, count, ways, others);
+    if (twins.first < 0)
+        return;
+    sbi_piece_measure_ways(m, nodes, count, twins.first, ways);
+    sbi_piece_measure_ways(m, nodes, count, twins.second, others);
+    for (int k = 0; k < count; k++) {
+        int i = nodes[k];
+        if (others[i] < ways[i]) {
+            moved[go++] = i;
+            m->fragment_of[i] = m->own_count;
+        } else {
+            nodes[stay++] = i;
+        }
+    }
+    memcpy(nodes + stay, moved, (size_t)go * sizeof *nodes);
+    m->own_count++;
+    sbi_piece_part_lips(m, nodes, stay);
+    sbi_piece_part_lips(m, nodes + stay, go);
+}
+
+/* The same of all `count` pieces of the part that fragment_of tells; returns how many there are then. */
+static int sbi_piece_part_all_lips(sbi_piece_maker *m, int begin, int end, int count)
+{
+    const int *rows = m->a->part_rows;
+    int *start = m->start;
+    memset(start, 0, ((size_t)count + 1) * sizeof *start);
+    for (int k = begin; k < end; k++)
+        start[m->fragment_of[rows[k]] + 1]++;
+    for (int f = 0; f < count; f++)
+        start[f + 1] += start[f];
+    for (int k = end; k-- > begin;) /* from behind: ends become beginnings */
+        m->nodes[begin + --start[m->fragment_of[rows[k]] + 1]] = rows[k];
+    m->own_count = count;
+    for (int f = 0; f < count; f++) {
+        int last = f + 1 < count ? start[f + 2] : end - begin;
+        sbi_piece_part_lips(m, m->nodes + begin + start[f + 1], last - start[f + 1]);
+    }
+    return m->own_count;
+}
+
 /* nodes[begin, end) are a connected part, or all nodes that are coupled with no other: these need no motions in common,
  * but cost next to nothing as one piece. */
 static void sbi_piece_make_part(sbi_piece_maker *m, int begin, int end, int pieces)
@@ -289,6 +442,8 @@ static void sbi_piece_make_part(sbi_piece_maker *m, int begin, int end, int piec
         int fragments = sbi_piece_find_fragments(m, begin, end);
         sbi_piece_join(m, end - begin, share, fragments);
         count = sbi_piece_number(m, begin, end, fragments);
+        if (m->has_twins)
+            count = sbi_piece_part_all_lips(m, begin, end, count);
     }
     sbi_piece_line_up(m, begin, end, count);
 }
@@ -297,6 +452,7 @@ SBI_API int sbi_precond_make_pieces(const sb_matrix *a, const sb_vec3 *positions
                                     sb_vec3 *centres, int *nodes, int *piece_of, sbi_piece_cuts *cuts)
 {
     size_t rows = (size_t)a->row_count;
+    int *places = cuts ? cuts->places : scratch + 7 * rows + 1;
     sbi_piece_maker m;
     memset(&m, 0, sizeof m);
     m.a = a;
@@ -309,8 +465,14 @@ SBI_API int sbi_precond_make_pieces(const sb_matrix *a, const sb_vec3 *positions
     m.roots = m.sizes + rows;
     m.touching = m.roots + rows;
     m.start = m.touching + rows;
+    m.last_at = m.start + rows + 1;
     m.centres = centres;
     m.cuts = cuts;
+    m.place_of = places;
+    m.has_twins = sbi_piece_find_places(positions, a->row_count, scratch, places);
+    m.most = pieces > INT_MAX / 2 ? INT_MAX : 2 * pieces;
+    for (size_t i = 0; i < rows; i++)
+        m.last_at[i] = -1;
     if (cuts) {
         cuts->split_count = 0;
         memcpy(cuts->positions, positions, rows * sizeof(sb_vec3));
@@ -370,11 +532,14 @@ static int sbi_piece_order_stays(const sb_matrix *a, const sb_vec3 *positions, c
 SBI_API int sbi_precond_pieces_stay(const sb_matrix *a, const sb_vec3 *positions, sbi_piece_cuts *cuts,
                                     const int *piece_of, int piece_count, int *scratch, sb_vec3 *centres)
 {
+    int *places = scratch + 4 * (size_t)a->row_count;
     sbi_matrix_list_parts(a);
     for (int i = 0; i < a->row_count; i++)
-        if (memcmp(positions + i, cuts->positions + i, sizeof *positions) != 0 &&
-            !sbi_piece_node_stays(cuts, positions, i))
+        if (!sbi_piece_same_place(positions + i, cuts->positions + i) && !sbi_piece_node_stays(cuts, positions, i))
             return 0;
+    (void)sbi_piece_find_places(positions, a->row_count, scratch, places);
+    if (memcmp(places, cuts->places, (size_t)a->row_count * sizeof *places) != 0) /* lips would be others */
+        return 0;
     if (!sbi_piece_order_stays(a, positions, cuts, piece_of, piece_count, scratch, centres))
         return 0;
     memcpy(cuts->positions, positions, (size_t)a->row_count * sizeof(sb_vec3));

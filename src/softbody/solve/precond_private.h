@@ -39,6 +39,7 @@ typedef struct sbi_piece_cuts {
     int *split_of;           /* [row_room] the smallest set that each node is in, or -1 */
     int *axis;               /* [room] along which a piece follows the one before it; -1: it is the first of its part */
     sb_vec3 *positions;      /* [row_room] */
+    int *places;             /* [row_room] the first node in the same place as each */
 } sbi_piece_cuts;
 
 /* The pieces' motions. Piece a has the 6 coarse unknowns 6a .. 6a+5: a translation and a rotation about its
@@ -85,7 +86,7 @@ struct sb_preconditioner {
     int recut;                              /* 1: or but the rest shape */
     int wanted_pieces;                      /* of the def */
     const sb_vec3 *rest; /* [row_count] rest shape that pieces are cut in, borrowed; NULL: no pieces */
-    int *scratch;        /* [8 row_room + block_room + 1] */
+    int *scratch;        /* [8 row_room + block_room + 1]: 9 row_room + 1 at least */
     sb_vec3 *centres;    /* [row_room] */
     int ready;           /* 1: updated or loaded */
     double matrix_scale; /* power of two that brought the mean diagonal of the smoothed matrix near 1 */
@@ -189,12 +190,13 @@ SBI_FORCE_INLINE sb_real sbi_precond_coordinate(const sb_vec3 *positions, int no
 /* ---- precond_pieces ---- */
 
 /* Cuts the nodes into some `pieces` compact pieces of like size, each within one connected part, and one at least for
- * each part: nodes[row_count] by piece, parts one after the other, and piece_of[row_count]. Returns the number of
- * pieces. scratch [6 row_count + 1], centres [row_count]: scratch. cuts: notes how, or NULL; with room for `pieces`. */
+ * each part; some more where lips of cuts lie in them, up to twice as many. nodes[row_count] by piece, parts one after
+ * the other, and piece_of[row_count]. Returns the number of pieces. scratch [8 row_count + 1], centres [row_count]:
+ * scratch. cuts: notes how, or NULL; with room for `pieces`. */
 SBI_API int sbi_precond_make_pieces(const sb_matrix *a, const sb_vec3 *positions, int pieces, int *scratch,
                                     sb_vec3 *centres, int *nodes, int *piece_of, sbi_piece_cuts *cuts);
 /* Whether such a cut of the same pattern at other positions would give the same again; 0 also where that is not sure.
- * scratch, centres [row_count]: scratch. */
+ * scratch [5 row_count], centres [row_count]: scratch. */
 SBI_API int sbi_precond_pieces_stay(const sb_matrix *a, const sb_vec3 *positions, sbi_piece_cuts *cuts,
                                     const int *piece_of, int piece_count, int *scratch, sb_vec3 *centres);
 
