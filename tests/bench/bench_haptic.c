@@ -81,7 +81,7 @@ static int work_of(double length)
         times[i] = instant() - begun;
     }
     qsort(times, TRIES, sizeof times[0], ascending);
-    return (int)(length / times[0] * MANY) + 1;
+    return (int)(length / times[0] * (double)MANY) + 1;
 }
 
 /* Median of the calls with a frame, or of those without. */
