@@ -48,6 +48,49 @@ static void test_plane(void)
     }
 }
 
+/* Largest share by which random planes change the elastic energy of a block that hangs from one side, but for what
+ * holds the middles of small pieces. */
+static double energy_change(const sb_material *material, double gravity)
+{
+    unsigned long long seed = 8;
+    double most = 0;
+    for (int trial = 0; trial < (check_quick() ? 2 : 6); trial++) {
+        block_options options = quad_default(intervals_of[trial % 3], SB_CUT_LAG);
+        block b = block_make(&options);
+        sb_vec3 normal = vector_in(-1, 1, &seed), middle = vector_in(0.015, 0.03, &seed);
+        totals before, after;
+        CHECK_OK(sb_body_set_material(b.body, material, NULL));
+        scene_fix_plane(b.body, &b.mesh, 0, 0, SB_XYZ);
+        CHECK_OK(sb_body_set_gravity(b.body, sb_v3(0, 0, REAL(-gravity))));
+        CHECK_OK(sb_body_solve_static(b.body, NULL, NULL));
+        before = totals_of(&b);
+        CHECK(before.elastic > 0);
+        CHECK(block_cut_plane(&b, middle, normal).cells > 0);
+        after = totals_of(&b);
+        after.elastic -= (double)sbi_rows_energy(&b.body->live->slivers, b.body->displacement);
+        most = fmax(most, fabs(after.elastic - before.elastic) / before.elastic);
+        check_pieces(&b);
+        block_free(&b);
+    }
+    return most;
+}
+
+/* Of other materials than linear ones the pieces have what the whole elements had but for what their points, which are
+ * others, make of the parts of the energy beyond the square of strain: of small strains 1e-5, and in proportion. */
+static void test_energy(void)
+{
+    static const char *const names[3] = {"corotated", "neo-Hookean", "stable neo-Hookean"};
+    for (int k = 0; k < 3; k++) {
+        sb_material material = k == 0   ? sb_material_corotated(5000, REAL(0.4), 1000)
+                               : k == 1 ? sb_material_neo_hookean(5000, REAL(0.4), 1000)
+                                        : sb_material_stable_neo_hookean(5000, REAL(0.4), 1000);
+        double small = energy_change(&material, 0.1), large = energy_change(&material, 1);
+        printf("   %s: elastic energy changes by %.1e and %.1e at most\n", names[k], small, large);
+        CHECK(small < scene_tolerance(1e-5, 1e5));
+        CHECK(SB_REAL_IS_FLOAT || (large < 20 * small && large > 5 * small));
+    }
+}
+
 /* Planes through nodes, along faces and through middles of edges: 2, 4 and 8 parts, with the volumes of the block's. */
 static void test_counts(void)
 {
@@ -788,12 +831,12 @@ static void test_pressure(void)
 }
 
 CHECK_SUITE(cut_quad, {"double cantilever by peeling", test_peeling}, {"a plane parts a shaking block", test_plane},
-            {"crossing planes", test_counts}, {"half a block is a block", test_half_block},
-            {"halves ring alike", test_frequency}, {"supports of copies", test_supports},
-            {"random cuts change no totals", test_random_cuts}, {"shaking blocks part in two", test_shaking},
-            {"states, recordings, threads", test_same_bits}, {"drawn surfaces are closed", test_drawing},
-            {"a ball is taken out", test_ball}, {"work of a blade", test_force}, {"half-cut beam", test_half},
-            {"edge-cracked plate", test_crack}, {"slivers", test_slivers}, {"offsets", test_offsets},
-            {"every allocation fails in turn", test_no_memory},
+            {"energy of materials that are not linear", test_energy}, {"crossing planes", test_counts},
+            {"half a block is a block", test_half_block}, {"halves ring alike", test_frequency},
+            {"supports of copies", test_supports}, {"random cuts change no totals", test_random_cuts},
+            {"shaking blocks part in two", test_shaking}, {"states, recordings, threads", test_same_bits},
+            {"drawn surfaces are closed", test_drawing}, {"a ball is taken out", test_ball},
+            {"work of a blade", test_force}, {"half-cut beam", test_half}, {"edge-cracked plate", test_crack},
+            {"slivers", test_slivers}, {"offsets", test_offsets}, {"every allocation fails in turn", test_no_memory},
             {"steps and idle moves allocate nothing", test_no_allocation}, {"explicit steps go on", test_explicit},
             {"mistakes are named", test_mistakes}, {"pressures on faces that are cut", test_pressure});

@@ -456,9 +456,9 @@ static void test_blending(void)
         before = out.force[2];
         CHECK_INT(sbi_servo_call(&servo, &at, i ? NULL : &frame, &out), 1);
         largest = fmax(largest, out.force[2] - before);
-        CHECK_NEAR(3 - out.force[2], 2 * fmax(0, 1 - (i + 1) / 20.0), 0.03);
+        CHECK_NEAR(3 - out.force[2], 2 * fmax(0, 1 - (i + 1) / 25.0), 0.03);
     }
-    CHECK(largest < 2 / 20.0 * 1.02); /* of 20 ms: two periods */
+    CHECK(largest < 2 / 25.0 * 1.02); /* of 25 ms: two and a half periods */
 }
 
 static void test_stale(void)

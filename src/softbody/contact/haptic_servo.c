@@ -12,8 +12,10 @@
 #define SBI_SERVO_FASTEST 2e-3      /* s: shortest period of a simulation */
 #define SBI_SERVO_SLOWEST 5e-2      /* s: longest */
 #define SBI_SERVO_PERIOD (1 / 60.0) /* s: before the first frames */
-#define SBI_SERVO_BLEND 2           /* periods in which the offset of a frame goes */
-#define SBI_SERVO_LEARN 0.25        /* share of the newest interval in the period */
+/* Periods in which the offset of a frame goes. In less the force changes by more than 2 % of its peak within 1 ms after
+ * first touch; in more it is farther from what the tissue does. */
+#define SBI_SERVO_BLEND 2.5
+#define SBI_SERVO_LEARN 0.25 /* share of the newest interval in the period */
 
 /* What the bank holds beyond what springs store is this share of max_force^2/max_stiffness; a debt is remembered up to
  * all of that, so that a device whose position jumps, as when it is set to zero, does not owe for ever. */
@@ -151,6 +153,21 @@ static sbi_d_wrench sbi_servo_feel(sbi_servo *servo, const sbi_d_pose *hand, dou
     return sbi_servo_on_hand(servo, felt);
 }
 
+/* All that is left of the offsets becomes `sum`: what is not there yet begins to fade. What frames that came early have
+ * left of the oldest goes on with the one after it. */
+static void sbi_servo_begin_offset(sbi_servo *servo, sbi_d_wrench sum)
+{
+    enum { LAST = SBI_SERVO_OFFSETS - 1 };
+    sbi_servo_offset *offsets = servo->offsets;
+    offsets[LAST - 1].wrench = sbi_wrench_madd(offsets[LAST - 1].wrench, 1, offsets[LAST].wrench);
+    for (int i = LAST; i > 0; i--) {
+        offsets[i] = offsets[i - 1];
+        sum = sbi_wrench_madd(sum, -1, offsets[i].wrench);
+    }
+    offsets[0].wrench = sum;
+    offsets[0].left = SBI_SERVO_BLEND * servo->info.period;
+}
+
 /* 2. Puts a frame in force; the offset is what the hand felt less what the frame says of the same pose. */
 static void sbi_servo_accept(sbi_servo *servo, const sbi_haptic_frame *frame)
 {
@@ -167,11 +184,7 @@ static void sbi_servo_accept(sbi_servo *servo, const sbi_haptic_frame *frame)
     sbi_haptic_model_set(&servo->model, frame);
     servo->way = sbi_d_sub(servo->tool.position, frame->pose.position);
     servo->info.age = 0;
-    servo->older = sbi_wrench_madd(servo->older, 1, servo->offset);
-    servo->older_left = servo->left;
-    servo->left = SBI_SERVO_BLEND * servo->info.period;
-    servo->offset = sbi_wrench_madd(servo->shown, -1, sbi_servo_feel(servo, &servo->hand, 0));
-    servo->offset = sbi_wrench_madd(servo->offset, -1, servo->older);
+    sbi_servo_begin_offset(servo, sbi_wrench_madd(servo->shown, -1, sbi_servo_feel(servo, &servo->hand, 0)));
     servo->info.frames++;
     servo->has_frame = 1;
 }
@@ -186,13 +199,18 @@ static void sbi_servo_refuse(sbi_servo *servo, const sbi_haptic_frame *frame)
     servo->shown = sbi_wrench_scale(1 - SBI_SERVO_TICK / (0.2 * SBI_SERVO_FADE), servo->shown);
 }
 
-/* 4. What is left of an offset after a call, of *left s in which it goes evenly: no other way changes the force less
- * within a call, which an exponential of the same mean does by 1.7 times as much at first. */
-static sbi_d_wrench sbi_servo_fade(sbi_d_wrench offset, double *left, double dt)
+/* 4. Adds what is left of the offsets after a call. Each goes evenly: no other way changes the force less within a
+ * call, which an exponential of the same mean does by 1.7 times as much at first. */
+static sbi_d_wrench sbi_servo_blend(sbi_servo *servo, sbi_d_wrench wrench, double dt)
 {
-    double share = *left > dt ? 1 - dt / *left : 0;
-    *left = *left > dt ? *left - dt : 0;
-    return sbi_wrench_scale(share, offset);
+    for (int i = 0; i < SBI_SERVO_OFFSETS; i++) {
+        sbi_servo_offset *offset = servo->offsets + i;
+        double share = offset->left > dt ? 1 - dt / offset->left : 0;
+        offset->left = offset->left > dt ? offset->left - dt : 0;
+        offset->wrench = sbi_wrench_scale(share, offset->wrench);
+        wrench = sbi_wrench_madd(wrench, 1, offset->wrench);
+    }
+    return wrench;
 }
 
 /* 5. Share of the wrench that a frame of this age is worth. */
@@ -327,11 +345,8 @@ static int sbi_servo_follow(sbi_servo *servo, const sb_tool_state *in, const sbi
         sbi_servo_accept(servo, frame);
     }
     wrench = sbi_servo_feel(servo, &hand, servo->info.age + dt);
-    servo->offset = sbi_servo_fade(servo->offset, &servo->left, dt);
-    servo->older = sbi_servo_fade(servo->older, &servo->older_left, dt);
     freshness = sbi_servo_freshness(servo);
-    wrench = sbi_wrench_madd(sbi_wrench_madd(wrench, 1, servo->offset), 1, servo->older);
-    wrench = sbi_wrench_scale(freshness, wrench);
+    wrench = sbi_wrench_scale(freshness, sbi_servo_blend(servo, wrench, dt));
     wrench = sbi_servo_slew(servo, wrench, dt);
     sbi_servo_velocity(servo, &hand, dt, &velocity, &turning);
     sbi_servo_account(servo, &hand, velocity, freshness, dt);

@@ -4,7 +4,7 @@
  *   1. a state that is not finite is refused: the last wrench again, fading
  *   2. a new frame: what the hand felt less what the frame says there becomes an offset, so that nothing jumps
  *   3. the frame's planes, through the coupling (haptic_model.h)
- *   4. the offset fades, evenly, within two periods of the simulation
+ *   4. the offset fades, evenly, within two and a half periods of the simulation
  *   5. a frame too old fades; what comes after it returns through the offset
  *   6. limits of force, torque and their change
  *   7. the bank: what the hand has been given and has given, exactly, since a force is held between calls
@@ -23,7 +23,16 @@
 
 #define SBI_HAPTIC_COOKIE 0x4a9dcu
 
-enum { SBI_SERVO_WINDOW = 4 }; /* calls over which the hand's velocity is measured */
+enum {
+    SBI_SERVO_WINDOW = 4, /* calls over which the hand's velocity is measured */
+    SBI_SERVO_OFFSETS = 3 /* frames whose offsets fade at a time: those of SBI_SERVO_BLEND periods */
+};
+
+/* What a frame said less than the hand felt when it came, which fades. */
+typedef struct sbi_servo_offset {
+    sbi_d_wrench wrench;
+    double left; /* s until it is gone */
+} sbi_servo_offset;
 
 /* Where the hand was. Velocities are found from it and not from the state's: those are in units that nobody checks, and
  * filtered who knows how. */
@@ -40,15 +49,14 @@ typedef struct sbi_servo {
     double lever;        /* m: max_torque over max_force, what turns are weighed with */
     sbi_haptic_model model;
     int has_frame, has_hand;
-    double time;                /* s, of the last call */
-    sbi_d_pose hand;            /* of the last call, in the device's space */
-    sbi_d3 place;               /* m, of the last call, less the steps of the encoder */
-    sbi_d_pose tool;            /* in the simulation's */
-    sbi_d_wrench shown;         /* on the hand since the last call */
-    sbi_d_wrench offset, older; /* what the last frame brought, and those before it; they fade */
-    double left, older_left;    /* s until they are gone */
-    sbi_d3 way;                 /* m: of the tool from the frame's pose to where it was when the frame came */
-    double stored;              /* J in planes and coupling, as the hand feels them */
+    double time;                                 /* s, of the last call */
+    sbi_d_pose hand;                             /* of the last call, in the device's space */
+    sbi_d3 place;                                /* m, of the last call, less the steps of the encoder */
+    sbi_d_pose tool;                             /* in the simulation's */
+    sbi_d_wrench shown;                          /* on the hand since the last call */
+    sbi_servo_offset offsets[SBI_SERVO_OFFSETS]; /* of the last frames, the newest first */
+    sbi_d3 way;    /* m: of the tool from the frame's pose to where it was when the frame came */
+    double stored; /* J in planes and coupling, as the hand feels them */
     sbi_servo_past past[SBI_SERVO_WINDOW];
     int past_count, past_next;
     sb_haptic_info info;
