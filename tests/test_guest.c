@@ -265,7 +265,8 @@ static solver solver_make(beam *b, sb_precond_kind kind, const sbi_guest *const 
 
 static sb_result solver_run(solver *s, beam *b)
 {
-    return sbi_pcg_solve_guests(&b->a, s->precond, b->rhs, b->x, &s->guests, &s->options, &s->workspace, NULL, &s->info);
+    return sbi_pcg_solve_guests(&b->a, s->precond, b->rhs, b->x, &s->guests, &s->options, &s->workspace, NULL,
+                                &s->info);
 }
 
 static void solver_free(solver *s)
