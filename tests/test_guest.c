@@ -265,7 +265,8 @@ static solver solver_make(beam *b, sb_precond_kind kind, const sbi_guest *const 
 
 static sb_result solver_run(solver *s, beam *b)
 {
-    return sbi_pcg_solve_guests(&b->a, s->precond, b->rhs, b->x, &s->guests, &s->options, &s->workspace, 1, &s->info);
+    return sbi_pcg_solve_guests(&b->a, s->precond, b->rhs, b->x, &s->guests, &s->options, &s->workspace, NULL,
+                                &s->info);
 }
 
 static void solver_free(solver *s)
@@ -721,11 +722,11 @@ static void test_refused(void)
     d->guest.precondition = NULL;
     CHECK_RESULT(sbi_pcg_reserve_guests(&w, &b.a, &guests, &error), SB_ERROR_ARGUMENT);
     CHECK(w.guests == NULL);
-    CHECK_RESULT(sbi_pcg_solve_guests(&b.a, NULL, b.rhs, b.x, &guests, NULL, &w, 1, NULL), SB_ERROR_ARGUMENT);
+    CHECK_RESULT(sbi_pcg_solve_guests(&b.a, NULL, b.rhs, b.x, &guests, NULL, &w, NULL, NULL), SB_ERROR_ARGUMENT);
     d->guest.precondition = dense_precondition;
     CHECK_OK(sbi_pcg_reserve_guests(&w, &b.a, &guests, &error));
     d->guest.taken_count = 1; /* another size than was reserved */
-    CHECK_RESULT(sbi_pcg_solve_guests(&b.a, NULL, b.rhs, b.x, &guests, NULL, &w, 1, NULL), SB_ERROR_ARGUMENT);
+    CHECK_RESULT(sbi_pcg_solve_guests(&b.a, NULL, b.rhs, b.x, &guests, NULL, &w, NULL, NULL), SB_ERROR_ARGUMENT);
     sb_pcg_workspace_free(&w);
     dense_free(d);
     dense_free(other);
@@ -762,7 +763,7 @@ static void test_failing_memory(void)
             int calls = memory.calls;
             CHECK_OK(sbi_pcg_reserve_guests(&w, &b.a, &guests, &error));
             CHECK_OK(sbi_pcg_update_preconditioner(p, &b.a, b.positions, &guests, &w, &error));
-            CHECK_OK(sbi_pcg_solve_guests(&b.a, p, b.rhs, b.x, &guests, NULL, &w, 1, NULL));
+            CHECK_OK(sbi_pcg_solve_guests(&b.a, p, b.rhs, b.x, &guests, NULL, &w, NULL, NULL));
             CHECK_INT(memory.calls, calls);
             done = 1;
         } else {

@@ -1029,7 +1029,7 @@ public unsafe struct sb_pcg_workspace
     public void* guests;
     public UIntPtr guest_bytes;
     public IntPtr extra;
-    public double* softest;
+    public IntPtr record;
     public sb_allocator allocator;
 }
 [StructLayout(LayoutKind.Sequential)]

@@ -984,7 +984,7 @@ sb_pcg_workspace._fields_ = [
     ("guests", c_void_p),
     ("guest_bytes", c_size_t),
     ("extra", c_void_p),
-    ("softest", POINTER(c_double)),
+    ("record", c_void_p),
     ("allocator", sb_allocator),
 ]
 sb_grid_def._fields_ = [

@@ -75,9 +75,10 @@ typedef struct sb_body_def {
     sb_real tolerance;        /* of a linearised step's solve, |r| / |b|, in (0, 1); default 1e-3. Iterated steps
                                * choose theirs from newton_tolerance. Each connected part meets it by itself,
                                * however light; b has M v / dt, but parts that nothing holds keep their momentum
-                               * to this share of the forces, however fast they are, unless tools touch them: at
-                               * 1e-3 such steps were off by up to 1e-2 of the forces at 4 m/s, by 6e-2 at 15 m/s.
-                               * Within a part it says nothing of what is soft or light there beside the rest */
+                               * to this share of the forces, however fast they are; touched by tools, of weights,
+                               * loads and tools' forces in magnitude, unless contact was cut short
+                               * (sb_contact_info.capped). Within a part it says nothing of what is soft or light
+                               * there beside the rest */
     int max_iterations;       /* of a step's linear solve; bounds a frame's time; default 500 */
     int max_newton;           /* Newton iterations per step: 1 is the linearised step of real-time work;
                                * SB_AUTO (default): 1 for linear and, with Euler, corotated; 20 otherwise */

@@ -58,7 +58,7 @@ static double sbi_static_part_energy(const sbi_step *step, int part)
         sb_vec3 r = b->rhs[sbi_static_node(&nodes, k)], z = b->work[sbi_static_node(&nodes, k)];
         sum += (double)r.x * (double)z.x + (double)r.y * (double)z.y + (double)r.z * (double)z.z;
     }
-    return caution * fabs(sum) * fmax(1, *b->pcg.softest) / fmax(sbi_static_work_done(b, part), least);
+    return caution * fabs(sum) * fmax(1, b->pcg.record->softest) / fmax(sbi_static_work_done(b, part), least);
 }
 
 /* The report's energy and increment. */

@@ -192,8 +192,8 @@ SBI_API void sbi_step_fill_system(sbi_step *step);
 SBI_API int sbi_step_is_linear(const sb_body *body);
 /* Tolerance of this iteration's linear solve. */
 SBI_API sb_real sbi_step_linear_tolerance(const sbi_step *step);
-/* Once, as the matrix is; current: the preconditioner was made of this very matrix. */
-SBI_API sb_result sbi_step_solve_once(sbi_step *step, sb_real tolerance, int current);
+/* Once, as the matrix is; demand NULL: as a step's only system. */
+SBI_API sb_result sbi_step_solve_once(sbi_step *step, sb_real tolerance, const sbi_pcg_demand *demand);
 /* Reactions: r on supported axes. Of a linearised step r + A du, since its r is the one before du. Less guests'
  * forces. */
 SBI_API void sbi_step_reactions(const sbi_step *step);

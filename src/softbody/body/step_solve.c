@@ -42,27 +42,65 @@ static void sbi_step_renew_touch(sbi_step *step)
 
 /* ---- how much of a new increment is taken ---- */
 
-/* The force (N) that what is left over is compared with. */
+/* The force (N) that what is left over is compared with: contact's, or what was out of balance where motion went on as
+ * it was. Not M v / dt, beside which contact of a body that flies fast would be nothing. */
 static double sbi_step_touch_scale(const sbi_step *step)
 {
-    return fmax((double)step->norm, sbi_touch_norm(step->body, step->touch->force));
+    return fmax(step->body->pcg.record->begun, sbi_touch_norm(step->body, step->touch->force));
 }
 
-/* What contact's forces differ by from those that the solve had, of the largest force; 0 where it is rounding. */
-static double sbi_step_touch_residual(const sbi_step *step)
+/* What contact's forces differ by from those that the solve had. */
+typedef struct sbi_touch_change {
+    double norm; /* N */
+    sb_vec3 sum; /* N */
+} sbi_touch_change;
+
+static sbi_touch_change sbi_step_touch_change_of(const sbi_step *step)
 {
     const sbi_touch *touch = step->touch;
-    double sum = 0, size, scale = sbi_step_touch_scale(step);
+    sbi_touch_change change = {0, {0, 0, 0}};
     for (int k = 0; k < touch->node_count; k++) {
         unsigned char fixed = step->body->fixed[touch->nodes[k]];
-        sb_vec3 v = sb_v3_sub(touch->left[k], touch->force[k]);
-        v = sbi_body_pick_axes(fixed, sb_v3(0, 0, 0), v);
-        sum += (double)v.x * (double)v.x + (double)v.y * (double)v.y + (double)v.z * (double)v.z;
+        sb_vec3 v = sbi_body_pick_axes(fixed, sb_v3(0, 0, 0), sb_v3_sub(touch->left[k], touch->force[k]));
+        change.norm += (double)v.x * (double)v.x + (double)v.y * (double)v.y + (double)v.z * (double)v.z;
+        change.sum = sb_v3_add(change.sum, v);
     }
-    size = sqrt(sum);
-    if (!(size > touch->noise))
+    change.norm = sqrt(change.norm);
+    return change;
+}
+
+/* Forces from outside, in magnitude (N): what a body that nothing holds keeps its momentum to a share of. */
+static double sbi_step_touch_outside(const sbi_step *step)
+{
+    const sb_body *b = step->body;
+    double sum = 0;
+    for (int k = 0; k < step->touch->node_count; k++)
+        sum += (double)sb_v3_norm(step->touch->force[k]);
+    for (int i = 0; i < b->domain.node_count; i++)
+        sum += (double)sb_v3_norm(b->external[i]);
+    return sum;
+}
+
+static double sbi_step_touch_share_of(double change, double scale)
+{
+    return scale > (double)SB_EPSILON * change ? change / scale
+                                               : 1 / (double)SB_EPSILON; /* forces may be next to none */
+}
+
+/* The same of the largest force, or where nothing holds the body 2.5 times their sum of forces from outside, since what
+ * the solve leaves is beside it; 0 where it is rounding. */
+static double sbi_step_touch_residual(const sbi_step *step)
+{
+    sbi_touch_change change = sbi_step_touch_change_of(step);
+    int held = SB_XYZ & ~step->body->pcg.record->loose;
+    double share;
+    if (!(change.norm > step->touch->noise))
         return 0;
-    return scale > (double)SB_EPSILON * size ? size / scale : 1 / (double)SB_EPSILON; /* forces may be next to none */
+    share = sbi_step_touch_share_of(change.norm, sbi_step_touch_scale(step));
+    if (held == SB_XYZ)
+        return share;
+    change.sum = sbi_body_pick_axes((unsigned char)held, sb_v3(0, 0, 0), change.sum);
+    return fmax(share, 2.5 * sbi_step_touch_share_of((double)sb_v3_norm(change.sum), sbi_step_touch_outside(step)));
 }
 
 /* Slope of the potential at a share of the way from the increment before: that of its linear part is `end` at the way's
@@ -162,22 +200,6 @@ static double sbi_step_search_touch(sbi_step *step, sb_real tolerance)
 
 /* ---- the iteration ---- */
 
-/* What the solve may leave, of the norm of its right-hand side, which has K x in it: a share of what the step's
- * tolerance admits. */
-static sb_real sbi_step_touch_tolerance(const sbi_step *step, sb_real tolerance)
-{
-    const sb_body *b = step->body;
-    const double share = 0.3;
-    double rhs = 0;
-    for (int i = 0; i < b->domain.node_count; i++) {
-        sb_vec3 v = sbi_body_pick_axes(sbi_body_held(b, i), sb_v3(0, 0, 0), b->rhs[i]);
-        rhs += (double)v.x * (double)v.x + (double)v.y * (double)v.y + (double)v.z * (double)v.z;
-    }
-    if (step->touch->touching == 0 || !(rhs > 0))
-        return tolerance;
-    return (sb_real)(share * (double)tolerance * fmin(1, sbi_step_touch_scale(step) / sqrt(rhs)));
-}
-
 /* Forces at the new increment, with friction's bounds of there. */
 static void sbi_step_end_way(sbi_step *step)
 {
@@ -216,6 +238,22 @@ static sb_real sbi_step_touch_aim(const sbi_step *step)
     return share * expected > last * tolerance ? share * expected : tolerance;
 }
 
+/* What a system may leave is a share of what the step's tolerance admits: contact's forces are to have theirs. */
+static sb_result sbi_step_solve_next(sbi_step *step, sb_real aim)
+{
+    const sb_real share = (sb_real)0.3;
+    const sbi_touch *touch = step->touch;
+    sbi_pcg_demand demand;
+    demand.current = touch->iterations == 1;
+    demand.later = touch->iterations > 1;
+    demand.is_touched = touch->touching > 0;
+    demand.node_count = step->body->elimination ? 0 : touch->node_count; /* slaves' forces are their masters' */
+    demand.nodes = touch->nodes;
+    demand.force = touch->force;
+    demand.outside = aim <= step->linear_tolerance ? sbi_step_touch_outside(step) : -1;
+    return sbi_step_solve_once(step, demand.is_touched || demand.later ? share * aim : aim, &demand);
+}
+
 static sb_result sbi_step_solve_touch(sbi_step *step)
 {
     sb_body *b = step->body;
@@ -226,7 +264,7 @@ static sb_result sbi_step_solve_touch(sbi_step *step)
         sb_real aim = sbi_step_touch_aim(step);
         double share;
         memcpy(b->previous, b->increment, (size_t)b->domain.node_count * sizeof(sb_vec3));
-        result = sbi_step_solve_once(step, sbi_step_touch_tolerance(step, aim), touch->iterations == 1);
+        result = sbi_step_solve_next(step, aim);
         if (result != SB_OK)
             return result;
         share = sbi_step_search_touch(step, tolerance);
@@ -248,7 +286,7 @@ SBI_API sb_result sbi_step_solve_system(sbi_step *step)
     if (step->touch && step->linearised)
         result = sbi_step_solve_touch(step);
     else
-        result = sbi_step_solve_once(step, sbi_step_linear_tolerance(step), 1);
+        result = sbi_step_solve_once(step, sbi_step_linear_tolerance(step), NULL);
     step->info->seconds_solve += sbi_body_now(step->body) - begin;
     step->info->newton_iterations++;
     return result;

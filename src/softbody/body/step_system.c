@@ -242,7 +242,7 @@ SBI_API sb_result sbi_step_make_system(sbi_step *step)
     return result;
 }
 
-SBI_API sb_result sbi_step_solve_once(sbi_step *step, sb_real tolerance, int current)
+SBI_API sb_result sbi_step_solve_once(sbi_step *step, sb_real tolerance, const sbi_pcg_demand *demand)
 {
     sb_body *b = step->body;
     sb_step_info *info = step->info;
@@ -258,7 +258,7 @@ SBI_API sb_result sbi_step_solve_once(sbi_step *step, sb_real tolerance, int cur
     options.max_iterations = step->max_iterations;
     options.jobs = &b->jobs;
     result = sbi_pcg_solve_guests(e ? &e->matrix : &b->matrix, e ? e->precond : b->precond, &b->rhs[0].x,
-                                  &b->increment[0].x, &step->guests, &options, &b->pcg, current, &pcg);
+                                  &b->increment[0].x, &step->guests, &options, &b->pcg, demand, &pcg);
     b->pcg.extra = NULL;
     info->pcg_iterations += pcg.iterations;
     step->slow = !step->dynamic && !step->starts && pcg.iterations > SBI_STATIC_SLOW;

@@ -214,7 +214,8 @@ typedef struct sb_contact_info {
                  * put over them (sb_body_set_displacements), for none is made or placed there. They feel what touches
                  * them, if anything does, and are not led out: place them outside */
     sb_real deepest;  /* m, overlap */
-    sb_real residual; /* of contact's forces, of the largest force */
+    sb_real residual; /* of contact's forces, of the largest force; where nothing holds the body also what their sum is
+                       * off by, 2.5 times, of all forces from outside */
     sb_real lag;      /* m, largest of all tools' */
 } sb_contact_info;
 SB_API sb_contact_info sb_contact_get_info(const sb_contact *contact);

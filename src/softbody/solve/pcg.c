@@ -30,6 +30,7 @@ typedef struct sbi_pcg_part {
     double factor;                    /* of the update at work */
     double growth;                    /* r.z over that before; */
     double softest, last_norm, cross; /* see sbi_pcg_watch */
+    double begun;                     /* |r|^2 at the start of the step's first system, without what touches */
     double drift;                     /* largest |sum of r|^2 along an axis that nothing holds; < 0: not asked for */
     int first_chunk;
     int head;            /* the first of the parts that guests join with this one: all of them are kept there as one */
@@ -56,16 +57,16 @@ SB_API sb_result sb_pcg_workspace_create(int row_count, const sb_allocator *allo
     entries = 3 * (size_t)row_count;
     parts = (size_t)sbi_matrix_most_parts(row_count);
     chunks = (size_t)sbi_row_chunks(row_count) + parts;
-    if (sbi_size_add(&bytes, chunks, 2 * sizeof(double)) && sbi_size_add(&bytes, 1, sizeof(double)) &&
+    if (sbi_size_add(&bytes, chunks, 2 * sizeof(double)) && sbi_size_add(&bytes, 1, sizeof(sbi_pcg_record)) &&
         sbi_size_add(&bytes, parts + 1, sizeof(sbi_pcg_part)) && sbi_size_add(&bytes, entries, 5 * sizeof(sb_real)))
         made.memory = sbi_alloc(allocator, bytes, 1);
     if (!made.memory)
         return sbi_fail(error, SB_ERROR_MEMORY, "no memory for the vectors of %d rows", row_count);
     made.row_count = row_count;
     made.partial = (double *)made.memory;
-    made.softest = made.partial + 2 * chunks;
-    *made.softest = 0;
-    made.parts = made.softest + 1;
+    made.record = (sbi_pcg_record *)(void *)(made.partial + 2 * chunks);
+    memset(made.record, 0, sizeof *made.record);
+    made.parts = made.record + 1;
     made.start = (sb_real *)(void *)((sbi_pcg_part *)made.parts + parts + 1);
     made.residual = made.start + entries;
     made.search = made.residual + entries;
@@ -389,7 +390,9 @@ static void sbi_pcg_find_parts(sbi_pcg_state *s, int joint)
     s->part_rows = s->part_count > 1 ? a->part_rows : NULL;
     s->part_start = s->part_count > 1 ? a->part_start : s->whole;
     for (int c = 0; c < s->part_count; c++) {
+        double begun = s->parts[c].begun;
         memset(s->parts + c, 0, sizeof *s->parts);
+        s->parts[c].begun = begun;
         s->parts[c].first_chunk = chunks;
         s->parts[c].fresh = 1;
         s->parts[c].drift = -1;
@@ -903,7 +906,7 @@ static void sbi_pcg_begin_parts(sbi_pcg_state *s, double *rhs_square, double *x_
  * is of, and would be left out altogether once the body is fast enough. So the sum of forces that are left, over those
  * that the start left, has to meet the tolerance, too. (|sum of r| <= sqrt(rows) |r|: nothing is asked of what starts
  * from 0 or of forces that are in balance.) */
-static void sbi_pcg_set_drifts(sbi_pcg_state *s, double tolerance)
+static void sbi_pcg_set_drifts(sbi_pcg_state *s, double tolerance, double outside)
 {
     const double rounding = 16 * (double)SB_EPSILON;
     for (sbi_pcg_part *part = s->parts; part < s->parts + s->part_count; part++) {
@@ -917,10 +920,94 @@ static void sbi_pcg_set_drifts(sbi_pcg_state *s, double tolerance)
                 held |= s->matrix->fixed[s->part_rows ? s->part_rows[k] : k];
         }
         part->loose = SB_XYZ & ~held;
-        if (part->loose)
-            part->drift =
-                rows * (least > tolerance * tolerance * part->square ? least : tolerance * tolerance * part->square);
+        if (!part->loose)
+            continue;
+        part->drift = rows * part->begun;
+        if (outside >= 0 && outside * outside < part->drift)
+            part->drift = outside * outside;
+        part->drift *= tolerance * tolerance;
+        if (part->drift < rows * least)
+            part->drift = rows * least;
     }
+}
+
+/* |r|^2 of the parts without what touches the body. */
+static void sbi_pcg_measure_untouched(sbi_pcg_state *s, const sbi_pcg_demand *demand)
+{
+    sbi_pcg_state other = *s;
+    memcpy(s->z, s->r, 3 * (size_t)s->matrix->row_count * sizeof(sb_real));
+    other.r = s->z;
+    for (int k = 0; k < demand->node_count; k++) {
+        const sb_real *force = &demand->force[k].x;
+        for (int axis = 0; axis < 3; axis++)
+            if (!(s->matrix->fixed[demand->nodes[k]] >> axis & 1))
+                other.r[3 * (size_t)demand->nodes[k] + (size_t)axis] -= force[axis];
+    }
+    sbi_pcg_run(&other, sbi_pcg_norm_task);
+    for (sbi_pcg_part *part = s->parts; part < s->parts + s->part_count; part++)
+        part->begun = sbi_pcg_sum(&other, part, 0);
+}
+
+/* What the step begins with is kept for its later systems. Where links have joined or parted parts since then each has
+ * its rows' share. */
+static void sbi_pcg_keep_begun(sbi_pcg_state *s, const sbi_pcg_demand *demand, sbi_pcg_record *record)
+{
+    double sum = 0, each = record->begun * record->begun / (double)s->matrix->row_count;
+    if (demand->later && record->part_count != s->part_count)
+        for (int c = 0; c < s->part_count; c++)
+            s->parts[c].begun = each * (s->part_start[c + 1] - s->part_start[c]);
+    else if (!demand->later && demand->node_count > 0)
+        sbi_pcg_measure_untouched(s, demand);
+    else if (!demand->later)
+        for (sbi_pcg_part *part = s->parts; part < s->parts + s->part_count; part++)
+            part->begun = part->square;
+    record->part_count = s->part_count;
+    if (demand->later)
+        return;
+    for (const sbi_pcg_part *part = s->parts; part < s->parts + s->part_count; part++)
+        sum += part->begun;
+    record->begun = sqrt(sum);
+}
+
+/* |v|^2 on the axes of a row that nothing prescribes. */
+static double sbi_pcg_free_square(const sb_matrix *matrix, int row, const sb_real *v)
+{
+    double square = 0;
+    for (int axis = 0; axis < 3; axis++)
+        if (!(matrix->fixed[row] >> axis & 1))
+            square += (double)v[axis] * (double)v[axis];
+    return square;
+}
+
+/* The share of |rhs| that a touched step's tolerance is of: forces of contact, or what the step began with, of |rhs|
+ * without what is prescribed. In the first system, whose right-hand side is that of the step, no more than 1. */
+static double sbi_pcg_touched_share(const sbi_pcg_state *s, const sbi_pcg_demand *demand, double begun)
+{
+    double touch = 0, rhs = 0, scale;
+    for (int k = 0; k < demand->node_count; k++)
+        touch += sbi_pcg_free_square(s->matrix, demand->nodes[k], &demand->force[k].x);
+    for (int i = 0; i < s->matrix->row_count; i++)
+        rhs += sbi_pcg_free_square(s->matrix, i, s->rhs + 3 * (size_t)i);
+    touch = sqrt(touch);
+    rhs = sqrt(rhs);
+    scale = touch > begun ? touch : begun;
+    return rhs > 0 && (demand->later || scale < rhs) ? scale / rhs : 1;
+}
+
+/* Targets, and where an axis is free what may be left in sum. */
+static void sbi_pcg_demand_all(sbi_pcg_state *s, const sbi_pcg_demand *demand, double tolerance, sbi_pcg_record *record,
+                               double rhs_square, int moves)
+{
+    double share = 1;
+    sbi_pcg_keep_begun(s, demand, record);
+    if (demand->is_touched || demand->later)
+        share = sbi_pcg_touched_share(s, demand, record->begun);
+    sbi_pcg_set_targets(s, tolerance * share, rhs_square);
+    if (moves && (demand->current || demand->later))
+        sbi_pcg_set_drifts(s, tolerance, demand->node_count > 0 ? demand->outside : -1);
+    record->loose = 0;
+    for (const sbi_pcg_part *part = s->parts; part < s->parts + s->part_count; part++)
+        record->loose |= part->drift >= 0 ? part->loose : 0;
 }
 
 /* The worst part's |r| / |rhs|. */
@@ -971,8 +1058,8 @@ static sb_result sbi_pcg_finish(const sbi_pcg_state *s, sb_result result, sb_pcg
 }
 
 static sb_result sbi_pcg_run_solve(const sb_matrix *matrix, sb_preconditioner *preconditioner, const sb_real *rhs,
-                                   sb_real *x, const sb_pcg_options *options, sb_pcg_workspace *workspace, int current,
-                                   sb_pcg_info *info)
+                                   sb_real *x, const sb_pcg_options *options, sb_pcg_workspace *workspace,
+                                   const sbi_pcg_demand *demand, sb_pcg_info *info)
 {
     sb_pcg_options defaults = sb_default_pcg_options();
     sb_pcg_info report;
@@ -985,7 +1072,7 @@ static sb_result sbi_pcg_run_solve(const sb_matrix *matrix, sb_preconditioner *p
     memset(&report, 0, sizeof report);
     report.residual_is_true = 1;
     state = sbi_pcg_make_state(matrix, preconditioner, rhs, x, options, workspace);
-    state.current = current;
+    state.current = demand->current;
     sbi_pcg_find_parts(&state, preconditioner && sbi_precond_couples_parts(preconditioner));
     sbi_pcg_begin_parts(&state, &rhs_square, &x_square);
     if (rhs_square > 0 && x_square == 0) { /* no product needed */
@@ -995,28 +1082,29 @@ static sb_result sbi_pcg_run_solve(const sb_matrix *matrix, sb_preconditioner *p
     } else if (rhs_square > 0) {
         sbi_pcg_first_residual(&state);
     }
-    sbi_pcg_set_targets(&state, options->tolerance, rhs_square);
-    if (current && x_square > 0)
-        sbi_pcg_set_drifts(&state, options->tolerance);
+    sbi_pcg_demand_all(&state, demand, options->tolerance, workspace->record, rhs_square, x_square > 0);
     if (!sbi_pcg_is_finite(rhs_square) || !sbi_pcg_is_finite(sbi_pcg_whole_square(&state)))
         result = SB_ERROR_DIVERGED;
     else
         result = sbi_pcg_refine(&state, preconditioner, options, &report);
-    *workspace->softest = state.softest;
+    workspace->record->softest = state.softest;
     return sbi_pcg_finish(&state, result, &report, info);
 }
+
+static const sbi_pcg_demand sbi_pcg_plain_step = {1, 0, 0, 0, NULL, NULL, 0};
 
 SB_API sb_result sb_pcg_solve(const sb_matrix *matrix, sb_preconditioner *preconditioner, const sb_real *rhs,
                               sb_real *x, const sb_pcg_options *options, sb_pcg_workspace *workspace, sb_pcg_info *info)
 {
-    return sbi_pcg_run_solve(matrix, preconditioner, rhs, x, options, workspace, 0, info);
+    const sbi_pcg_demand none = {0, 0, 0, 0, NULL, NULL, 0};
+    return sbi_pcg_run_solve(matrix, preconditioner, rhs, x, options, workspace, &none, info);
 }
 
 SBI_API sb_result sbi_pcg_solve_current(const sb_matrix *matrix, sb_preconditioner *preconditioner, const sb_real *rhs,
                                         sb_real *x, const sb_pcg_options *options, sb_pcg_workspace *workspace,
                                         sb_pcg_info *info)
 {
-    return sbi_pcg_run_solve(matrix, preconditioner, rhs, x, options, workspace, 1, info);
+    return sbi_pcg_run_solve(matrix, preconditioner, rhs, x, options, workspace, &sbi_pcg_plain_step, info);
 }
 
 /* ---- guests -------------------------------------------------------------------------------------------- */
@@ -1305,7 +1393,7 @@ static sb_result sbi_pcg_settle(sbi_pcg_state *s, sb_preconditioner *preconditio
 
 SBI_API sb_result sbi_pcg_solve_guests(const sb_matrix *matrix, sb_preconditioner *preconditioner, const sb_real *rhs,
                                        sb_real *x, const sbi_guests *guests, const sb_pcg_options *options,
-                                       sb_pcg_workspace *workspace, int current, sb_pcg_info *info)
+                                       sb_pcg_workspace *workspace, const sbi_pcg_demand *demand, sb_pcg_info *info)
 {
     sb_pcg_options defaults = sb_default_pcg_options();
     sb_pcg_info report;
@@ -1315,14 +1403,15 @@ SBI_API sb_result sbi_pcg_solve_guests(const sb_matrix *matrix, sb_preconditione
     double rhs_square = 0;
     int idle;
     options = options ? options : &defaults;
+    demand = demand ? demand : &sbi_pcg_plain_step;
     if (!guests || guests->count == 0)
-        return sbi_pcg_run_solve(matrix, preconditioner, rhs, x, options, workspace, current, info);
+        return sbi_pcg_run_solve(matrix, preconditioner, rhs, x, options, workspace, demand, info);
     if (!sbi_pcg_valid(matrix, preconditioner, rhs, x, options, workspace) || !sbi_pcg_has_room(workspace, guests))
         return SB_ERROR_ARGUMENT;
     memset(&report, 0, sizeof report);
     report.residual_is_true = 1;
     state = sbi_pcg_make_state(matrix, preconditioner, rhs, x, options, workspace);
-    state.current = current;
+    state.current = demand->current;
     g = (sbi_pcg_guest_space *)workspace->guests;
     state.guests = &g->space;
     if (g->space.kept_room > 0)
@@ -1340,11 +1429,9 @@ SBI_API sb_result sbi_pcg_solve_guests(const sb_matrix *matrix, sb_preconditione
         sbi_pcg_guess_guests(&state);
     else if (state.extra)
         sbi_pcg_guest_residual(&state);
-    sbi_pcg_set_targets(&state, options->tolerance, rhs_square);
-    if (current && !idle)
-        sbi_pcg_set_drifts(&state, options->tolerance);
+    sbi_pcg_demand_all(&state, demand, options->tolerance, workspace->record, rhs_square, !idle);
     result =
         sbi_pcg_is_finite(rhs_square) ? sbi_pcg_settle(&state, preconditioner, options, &report) : SB_ERROR_DIVERGED;
-    *workspace->softest = state.softest;
+    workspace->record->softest = state.softest;
     return sbi_pcg_finish(&state, result, &report, info);
 }

@@ -30,7 +30,7 @@ typedef struct sb_pcg_workspace {
     void *guests; /* internal: what is kept of those that are solved together with the matrix; NULL: there were none */
     size_t guest_bytes;
     const struct sbi_pcg_extra *extra; /* internal: what is added to the matrix; NULL: nothing */
-    double *softest; /* internal: of the last solve, 1 / the smallest eigenvalue of M^-1 A that it saw; 0: none */
+    struct sbi_pcg_record *record;     /* internal: what is known of the last solve */
     sb_allocator allocator;
 } sb_pcg_workspace;
 
@@ -88,6 +88,26 @@ typedef struct sbi_pcg_extra {
     double (*multiply)(void *user, const sb_real *x, sb_real *y);
 } sbi_pcg_extra;
 
+/* What is known of a workspace's last solve. */
+typedef struct sbi_pcg_record {
+    double softest; /* 1 / the smallest eigenvalue of M^-1 A that it saw; 0: none */
+    double begun;   /* N: |r| at the start of the step's first system, without what touches the body */
+    int part_count; /* parts of that one */
+    int loose;      /* axes on which nothing holds one of them */
+} sbi_pcg_record;
+
+/* What the step of a body asks of a solve beside its options. What touches the body has changing forces, which
+ * the right-hand side has in it; the tolerance is of those of now, or of what the step began with beside them. */
+typedef struct sbi_pcg_demand {
+    int current;          /* 1: the preconditioner was updated with this very matrix; 0: it has changed since then */
+    int later;            /* 1: the step's second system or a later one */
+    int is_touched;       /* 0: the tolerance is of |rhs| in the first system */
+    int node_count;       /* what touches: */
+    const int *nodes;     /* [node_count] rows, each once */
+    const sb_vec3 *force; /* [node_count] (N), at the start x */
+    double outside;       /* N: magnitudes of all forces from outside, what touches included; only of a touched step */
+} sbi_pcg_demand;
+
 /* The same for the step of a body, with a preconditioner that was updated with this very matrix. The product in 32 bits
  * is then known to differ by no more than its rounding, and a residual that meets the tolerance with that added needs
  * no look at the matrix. Parts without a prescribed component along an axis keep their momentum along it: the sum of
@@ -127,10 +147,11 @@ SBI_API sb_result sbi_pcg_update_preconditioner(sb_preconditioner *preconditione
  * one has changed its rows the iteration goes on from where it is, with a tenth of the tolerance from the fourth solve
  * on, since states that hang on little would turn over and back. SB_ERROR_DIVERGED: unknowns of guests are those of the
  * start, too. A matrix in 32 bits that multigrid has is not used when nodes are taken, since it is without them.
- * current: 1: as sbi_pcg_solve_current; 0: the matrix has changed since the preconditioner's update. */
+ * demand: NULL: as sbi_pcg_solve_current. Momentum is kept to the tolerance in later systems, too, of what the first
+ * one began with. */
 SBI_API sb_result sbi_pcg_solve_guests(const sb_matrix *matrix, sb_preconditioner *preconditioner, const sb_real *rhs,
                                        sb_real *x, const sbi_guests *guests, const sb_pcg_options *options,
-                                       sb_pcg_workspace *workspace, int current, sb_pcg_info *info);
+                                       sb_pcg_workspace *workspace, const sbi_pcg_demand *demand, sb_pcg_info *info);
 #endif
 
 #endif /* SB_PCG_H */
