@@ -239,13 +239,14 @@ static sb_real sbi_step_touch_aim(const sbi_step *step)
 }
 
 /* What a system may leave is a share of what the step's tolerance admits: contact's forces are to have theirs. */
-static sb_result sbi_step_solve_next(sbi_step *step, sb_real aim)
+static sb_result sbi_step_solve_next(sbi_step *step, sb_real aim, int goes_on)
 {
     const sb_real share = (sb_real)0.3;
     const sbi_touch *touch = step->touch;
     sbi_pcg_demand demand;
     demand.current = touch->iterations == 1;
     demand.later = touch->iterations > 1;
+    demand.goes_on = goes_on;
     demand.is_touched = touch->touching > 0;
     demand.node_count = step->body->elimination ? 0 : touch->node_count; /* slaves' forces are their masters' */
     demand.nodes = touch->nodes;
@@ -254,17 +255,36 @@ static sb_result sbi_step_solve_next(sbi_step *step, sb_real aim)
     return sbi_step_solve_once(step, demand.is_touched || demand.later ? share * aim : aim, &demand);
 }
 
+/* The residual of the system that was solved becomes that of the next one, at the whole of its increment: K x cancels
+ * there, which leaves what contact's forces have changed by, and saves a product. 0: it is not known. */
+static int sbi_step_change_residual(sbi_step *step, double share)
+{
+    sb_body *b = step->body;
+    const sbi_touch *touch = step->touch;
+    sb_vec3 *residual = (sb_vec3 *)(void *)b->pcg.residual;
+    if (share != 1 || b->elimination || !b->pcg.record->is_left)
+        return 0;
+    for (int k = 0; k < touch->node_count; k++) {
+        int node = touch->nodes[k];
+        sb_vec3 change = sb_v3_sub(touch->force[k], touch->left[k]);
+        change = sbi_body_pick_axes(b->fixed[node], sb_v3(0, 0, 0), change);
+        residual[node] = sb_v3_add(residual[node], change);
+    }
+    return 1;
+}
+
 static sb_result sbi_step_solve_touch(sbi_step *step)
 {
     sb_body *b = step->body;
     sbi_touch *touch = step->touch;
     sb_real tolerance = step->linear_tolerance;
+    int goes_on = 0;
     for (touch->iterations = 1;; touch->iterations++) {
         sb_result result;
         sb_real aim = sbi_step_touch_aim(step);
         double share;
         memcpy(b->previous, b->increment, (size_t)b->domain.node_count * sizeof(sb_vec3));
-        result = sbi_step_solve_next(step, aim);
+        result = sbi_step_solve_next(step, aim, goes_on);
         if (result != SB_OK)
             return result;
         share = sbi_step_search_touch(step, tolerance);
@@ -272,6 +292,7 @@ static sb_result sbi_step_solve_touch(sbi_step *step)
         touch->capped = !(share == 1 && touch->residual <= tolerance && aim <= tolerance);
         if (!touch->capped || touch->iterations >= touch->max_iterations)
             break;
+        goes_on = sbi_step_change_residual(step, share);
         sbi_step_renew_touch(step);
     }
     if (b->elimination)

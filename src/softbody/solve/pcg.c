@@ -1057,6 +1057,28 @@ static sb_result sbi_pcg_finish(const sbi_pcg_state *s, sb_result result, sb_pcg
     return result;
 }
 
+/* 1 when each part has something to solve. */
+static int sbi_pcg_none_idle(const sbi_pcg_state *s)
+{
+    for (int c = 0; c < s->part_count; c++)
+        if (s->parts[c].rhs_square == 0)
+            return 0;
+    return 1;
+}
+
+static void sbi_pcg_begin_residual(sbi_pcg_state *s, const sbi_pcg_demand *demand, double rhs_square, double x_square)
+{
+    if (rhs_square > 0 && x_square == 0) { /* no product needed */
+        memcpy(s->r, s->rhs, 3 * (size_t)s->matrix->row_count * sizeof(sb_real));
+        for (int c = 0; c < s->part_count; c++)
+            s->parts[c].square = s->parts[c].rhs_square;
+    } else if (rhs_square > 0 && demand->goes_on && sbi_pcg_none_idle(s)) {
+        sbi_pcg_run_square(s, sbi_pcg_norm_task, 1);
+    } else if (rhs_square > 0) {
+        sbi_pcg_first_residual(s);
+    }
+}
+
 static sb_result sbi_pcg_run_solve(const sb_matrix *matrix, sb_preconditioner *preconditioner, const sb_real *rhs,
                                    sb_real *x, const sb_pcg_options *options, sb_pcg_workspace *workspace,
                                    const sbi_pcg_demand *demand, sb_pcg_info *info)
@@ -1075,28 +1097,24 @@ static sb_result sbi_pcg_run_solve(const sb_matrix *matrix, sb_preconditioner *p
     state.current = demand->current;
     sbi_pcg_find_parts(&state, preconditioner && sbi_precond_couples_parts(preconditioner));
     sbi_pcg_begin_parts(&state, &rhs_square, &x_square);
-    if (rhs_square > 0 && x_square == 0) { /* no product needed */
-        memcpy(state.r, rhs, 3 * (size_t)matrix->row_count * sizeof(sb_real));
-        for (int c = 0; c < state.part_count; c++)
-            state.parts[c].square = state.parts[c].rhs_square;
-    } else if (rhs_square > 0) {
-        sbi_pcg_first_residual(&state);
-    }
+    sbi_pcg_begin_residual(&state, demand, rhs_square, x_square);
+    workspace->record->is_left = 0;
     sbi_pcg_demand_all(&state, demand, options->tolerance, workspace->record, rhs_square, x_square > 0);
     if (!sbi_pcg_is_finite(rhs_square) || !sbi_pcg_is_finite(sbi_pcg_whole_square(&state)))
         result = SB_ERROR_DIVERGED;
     else
         result = sbi_pcg_refine(&state, preconditioner, options, &report);
     workspace->record->softest = state.softest;
+    workspace->record->is_left = result == SB_OK && rhs_square > 0 && !state.compact;
     return sbi_pcg_finish(&state, result, &report, info);
 }
 
-static const sbi_pcg_demand sbi_pcg_plain_step = {1, 0, 0, 0, NULL, NULL, 0};
+static const sbi_pcg_demand sbi_pcg_plain_step = {1, 0, 0, 0, 0, NULL, NULL, 0};
 
 SB_API sb_result sb_pcg_solve(const sb_matrix *matrix, sb_preconditioner *preconditioner, const sb_real *rhs,
                               sb_real *x, const sb_pcg_options *options, sb_pcg_workspace *workspace, sb_pcg_info *info)
 {
-    const sbi_pcg_demand none = {0, 0, 0, 0, NULL, NULL, 0};
+    const sbi_pcg_demand none = {0, 0, 0, 0, 0, NULL, NULL, 0};
     return sbi_pcg_run_solve(matrix, preconditioner, rhs, x, options, workspace, &none, info);
 }
 
@@ -1412,6 +1430,7 @@ SBI_API sb_result sbi_pcg_solve_guests(const sb_matrix *matrix, sb_preconditione
     report.residual_is_true = 1;
     state = sbi_pcg_make_state(matrix, preconditioner, rhs, x, options, workspace);
     state.current = demand->current;
+    workspace->record->is_left = 0;
     g = (sbi_pcg_guest_space *)workspace->guests;
     state.guests = &g->space;
     if (g->space.kept_room > 0)

@@ -94,6 +94,7 @@ typedef struct sbi_pcg_record {
     double begun;   /* N: |r| at the start of the step's first system, without what touches the body */
     int part_count; /* parts of that one */
     int loose;      /* axes on which nothing holds one of them */
+    int is_left;    /* 1: the workspace's residual is that of the x that it returned */
 } sbi_pcg_record;
 
 /* What the step of a body asks of a solve beside its options. What touches the body has changing forces, which
@@ -101,6 +102,7 @@ typedef struct sbi_pcg_record {
 typedef struct sbi_pcg_demand {
     int current;          /* 1: the preconditioner was updated with this very matrix; 0: it has changed since then */
     int later;            /* 1: the step's second system or a later one */
+    int goes_on;          /* 1: the owner has made the residual that was left that of this system, at the x left */
     int is_touched;       /* 0: the tolerance is of |rhs| in the first system */
     int node_count;       /* what touches: */
     const int *nodes;     /* [node_count] rows, each once */

@@ -1,0 +1,260 @@
+/* Tests of solves that go on from the last one, whose matrix and forces have changed in a few rows: they reach what a
+ * solve from its start does, in as many iterations and without the product that those begin with. They are internal. */
+#define SB_SPLIT_BUILD
+#include "../src/softbody/solve/pcg.h"
+
+#include "check.h"
+#include "scene.h"
+#include "tet_beam.h"
+
+enum { TOUCHED = 12, ROUNDS = 6, KINDS = 5 };
+
+static const sb_precond_kind kinds[KINDS] = {SB_PRECOND_IC0, SB_PRECOND_BLOCK_JACOBI, SB_PRECOND_FSAI, SB_PRECOND_SSOR,
+                                             SB_PRECOND_CHOLESKY};
+
+typedef struct on_case {
+    beam b;
+    sb_preconditioner *precond;
+    sb_pcg_workspace workspace;
+    int touched[TOUCHED];
+    sb_real springs[TOUCHED]; /* N/m */
+} on_case;
+
+static on_case on_make(sb_precond_kind kind, double mass_factor)
+{
+    on_case c;
+    sb_preconditioner_def def;
+    memset(&c, 0, sizeof c);
+    def = sb_default_preconditioner_def();
+    c.b = beam_make(8, 4, 4, mass_factor, 1);
+    def.kind = kind;
+    def.positions = c.b.positions;
+    CHECK_OK(sb_preconditioner_create(&def, &c.b.a, NULL, &c.precond, NULL));
+    CHECK_OK(sb_preconditioner_update(c.precond, &c.b.a, NULL, NULL));
+    CHECK_OK(sb_pcg_workspace_create(c.b.nodes, NULL, &c.workspace, NULL));
+    return c;
+}
+
+static void on_free(on_case *c)
+{
+    sb_preconditioner_free(c->precond);
+    sb_pcg_workspace_free(&c->workspace);
+    beam_free(&c->b);
+}
+
+/* The residual in the workspace is that of x. */
+static sb_result on_solve(const sb_matrix *a, sb_preconditioner *precond, const sb_real *rhs, sb_real *x,
+                          const sb_pcg_options *options, sb_pcg_workspace *workspace, sb_pcg_info *info)
+{
+    sbi_pcg_demand demand;
+    memset(&demand, 0, sizeof demand);
+    demand.goes_on = 1;
+    return sbi_pcg_solve_guests(a, precond, rhs, x, NULL, options, workspace, &demand, info);
+}
+
+/* |rhs - A x| and |rhs|, in double. */
+static double on_residual(const beam *b, const sb_real *x, double *size)
+{
+    double left = 0, whole = 0;
+    for (int i = 0; i < b->nodes; i++)
+        for (int r = 0; r < 3; r++) {
+            double rhs = (double)b->rhs[3 * i + r], value = rhs;
+            for (int q = b->a.row_start[i]; q < b->a.row_start[i + 1]; q++)
+                for (int k = 0; k < 3; k++)
+                    value -= (double)b->a.blocks[q][3 * r + k] * (double)x[3 * b->a.columns[q] + k];
+            left += value * value;
+            whole += rhs * rhs;
+        }
+    *size = sqrt(whole);
+    return sqrt(left);
+}
+
+/* A node's spring changes. */
+static void on_spring(on_case *c, int node, sb_real change)
+{
+    sb_real *block = c->b.a.blocks[c->b.a.diagonal[node]];
+    for (size_t r = 0; r < 3 && !c->b.mask[node]; r++) {
+        block[4 * r] += change;
+        c->workspace.residual[3 * (size_t)node + r] -= change * c->b.x[3 * (size_t)node + r];
+    }
+}
+
+/* Some nodes get springs, which others had before, and forces of up to `push` times the mean force; the residual of x
+ * follows. */
+static void on_touch(on_case *c, double push, unsigned long long *seed)
+{
+    double size, mean;
+    (void)on_residual(&c->b, c->b.x, &size);
+    mean = size / sqrt((double)c->b.nodes);
+    for (int k = 0; k < TOUCHED; k++) {
+        int node = (int)check_random_in(seed, 0, c->b.nodes - 1e-3);
+        on_spring(c, c->touched[k], -c->springs[k]);
+        c->touched[k] = node;
+        c->springs[k] = REAL(check_random_in(seed, 0, 0.5) * (double)c->b.a.blocks[c->b.a.diagonal[node]][0]);
+        on_spring(c, node, c->springs[k]);
+        for (size_t r = 0; r < 3 && !c->b.mask[node]; r++) {
+            sb_real force = REAL(mean * check_random_in(seed, -push, push));
+            c->b.rhs[3 * (size_t)node + r] += force;
+            c->workspace.residual[3 * (size_t)node + r] += force;
+        }
+    }
+}
+
+/* The same system from the same x, by a solve of its own. */
+static int on_anew(const on_case *c, const sb_real *start, const sb_pcg_options *options)
+{
+    sb_real *x = (sb_real *)malloc(3 * (size_t)c->b.nodes * sizeof(sb_real));
+    sb_pcg_workspace workspace;
+    sb_pcg_info info;
+    memcpy(x, start, 3 * (size_t)c->b.nodes * sizeof(sb_real));
+    CHECK_OK(sb_pcg_workspace_create(c->b.nodes, NULL, &workspace, NULL));
+    CHECK_OK(sb_pcg_solve(&c->b.a, c->precond, c->b.rhs, x, options, &workspace, &info));
+    sb_pcg_workspace_free(&workspace);
+    free(x);
+    return info.iterations;
+}
+
+/* All free nodes get the same force: the coarse space has most of it. */
+static void on_lean(on_case *c, double push)
+{
+    double size, mean;
+    (void)on_residual(&c->b, c->b.x, &size);
+    mean = size / sqrt((double)c->b.nodes);
+    for (int i = 0; i < c->b.nodes; i++)
+        for (size_t r = 0; r < 3 && !c->b.mask[i]; r++) {
+            c->b.rhs[3 * (size_t)i + r] += REAL(push * mean);
+            c->workspace.residual[3 * (size_t)i + r] += REAL(push * mean);
+        }
+}
+
+typedef struct on_counts {
+    int own, anew; /* iterations */
+} on_counts;
+
+/* push < 0: all nodes are pushed. */
+static void check_on(on_case *c, double tolerance, double push, on_counts *counts)
+{
+    const double slack = SB_REAL_IS_FLOAT ? 0.3 : 0.01; /* single precision holds some 1e-4 of the forces */
+    sb_pcg_options options = sb_default_pcg_options();
+    unsigned long long seed = 11;
+    options.tolerance = tolerance;
+    CHECK_OK(sb_pcg_solve(&c->b.a, c->precond, c->b.rhs, c->b.x, &options, &c->workspace, NULL));
+    for (int round = 0; round < ROUNDS; round++) {
+        double size, left;
+        sb_pcg_info info;
+        CHECK(c->workspace.record->is_left);
+        if (push < 0)
+            on_lean(c, -push);
+        else
+            on_touch(c, push, &seed);
+        counts->anew += on_anew(c, c->b.x, &options);
+        CHECK_OK(on_solve(&c->b.a, c->precond, c->b.rhs, c->b.x, &options, &c->workspace, &info));
+        counts->own += info.iterations;
+        left = on_residual(&c->b, c->b.x, &size);
+        CHECK(left <= (1 + slack) * tolerance * size);
+        CHECK_NEAR(info.residual * size, left, slack * tolerance * size);
+    }
+}
+
+static void check_pushes_of(sb_precond_kind kind, double push)
+{
+    const double fine = SB_REAL_IS_FLOAT ? 1e-3 : 1e-7;
+    on_counts counts = {0, 0};
+    for (int k = 0; k < 4; k++) {
+        on_case c = on_make(kind, k % 2);
+        CHECK(!c.workspace.record->is_left);
+        check_on(&c, k < 2 ? 1e-2 : fine, push, &counts);
+        on_free(&c);
+    }
+    if (getenv("CHECK_SLOW"))
+        printf("    pushes of %.1f, kind %d: %d iterations, anew %d\n", push, (int)kind, counts.own, counts.anew);
+    CHECK(counts.own <= 1.02 * counts.anew + 2);
+}
+
+static void check_pushes(double push)
+{
+    for (int k = 0; k < KINDS; k++)
+        check_pushes_of(kinds[k], push);
+}
+
+static void test_pushes(void)
+{
+    check_pushes(0.3);
+    check_pushes(3);
+}
+
+static void test_leaning(void)
+{
+    check_pushes(-0.5);
+    check_pushes(-30);
+}
+
+/* Only what was solved, and without guests, can be gone on from. */
+static void test_may_go_on(void)
+{
+    on_case c = on_make(SB_PRECOND_IC0, 1);
+    sb_pcg_options options = sb_default_pcg_options();
+    sb_pcg_info info;
+    options.tolerance = 1e-4;
+    options.max_iterations = 1;
+    CHECK_RESULT(sb_pcg_solve(&c.b.a, c.precond, c.b.rhs, c.b.x, &options, &c.workspace, NULL), SB_ERROR_NOT_CONVERGED);
+    CHECK(!c.workspace.record->is_left);
+    options.max_iterations = 1000;
+    CHECK_OK(sb_pcg_solve(&c.b.a, c.precond, c.b.rhs, c.b.x, &options, &c.workspace, NULL));
+    CHECK(c.workspace.record->is_left);
+    c.workspace.residual[3 * (size_t)c.b.nodes - 1] = (sb_real)HUGE_VAL;
+    CHECK_RESULT(on_solve(&c.b.a, c.precond, c.b.rhs, c.b.x, &options, &c.workspace, &info), SB_ERROR_DIVERGED);
+    CHECK(!c.workspace.record->is_left);
+    CHECK_RESULT(on_solve(NULL, c.precond, c.b.rhs, c.b.x, &options, &c.workspace, &info), SB_ERROR_ARGUMENT);
+    on_free(&c);
+}
+
+/* Two tetrahedra that share no node, each on springs; the second alone, pushed, lies still again in the next system. */
+static void check_rest(const sb_precond_kind *kind)
+{
+    static const int cells[8] = {0, 1, 2, 3, 4, 5, 6, 7};
+    sb_vec3 at[8];
+    sb_real x[24], rhs[24];
+    sb_matrix a;
+    sb_preconditioner *precond = NULL;
+    sb_pcg_workspace workspace;
+    sb_pcg_options options = sb_default_pcg_options();
+    CHECK_OK(sb_matrix_create(8, 2, 4, NULL, cells, NULL, &a, NULL));
+    memset(x, 0, sizeof x);
+    memset(rhs, 0, sizeof rhs);
+    for (int i = 0; i < 8; i++)
+        at[i] = sb_v3(REAL(i / 4 + (i % 4 == 1)), REAL(i % 4 == 2), REAL(i % 4 == 3));
+    for (int e = 0; e < 2; e++)
+        beam_add_tet(&a, at, cells + 4 * e, 1, 1, 1, 1, rhs);
+    if (kind) {
+        sb_preconditioner_def def = sb_default_preconditioner_def();
+        def.kind = *kind;
+        def.positions = at;
+        CHECK_OK(sb_preconditioner_create(&def, &a, NULL, &precond, NULL));
+        CHECK_OK(sb_preconditioner_update(precond, &a, NULL, NULL));
+    }
+    CHECK_OK(sb_pcg_workspace_create(8, NULL, &workspace, NULL));
+    CHECK_OK(sb_pcg_solve(&a, precond, rhs, x, &options, &workspace, NULL));
+    CHECK(x[14] < 0 && workspace.record->is_left);
+    for (int k = 12; k < 24; k++) {
+        workspace.residual[k] -= rhs[k];
+        rhs[k] = 0;
+    }
+    CHECK_OK(on_solve(&a, precond, rhs, x, &options, &workspace, NULL));
+    CHECK(x[2] < 0);
+    for (int k = 12; k < 24; k++)
+        CHECK(x[k] == 0 && workspace.residual[k] == 0);
+    sb_preconditioner_free(precond);
+    sb_pcg_workspace_free(&workspace);
+    sb_matrix_free(&a);
+}
+
+static void test_rest(void)
+{
+    for (int k = 0; k < KINDS; k++)
+        check_rest(kinds + k);
+    check_rest(NULL);
+}
+
+CHECK_SUITE(pcg_on, {"pushes in a few rows", test_pushes}, {"pushes everywhere", test_leaning},
+            {"what can be gone on from", test_may_go_on}, {"a part that comes to rest", test_rest});
