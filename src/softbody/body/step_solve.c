@@ -81,6 +81,14 @@ static double sbi_step_touch_outside(const sbi_step *step)
     return sum;
 }
 
+/* What a change of their sum is a share of: at least of some of what was out of balance within. */
+static double sbi_step_touch_sum_scale(const sbi_step *step)
+{
+    const sb_body *b = step->body;
+    double within = SBI_PCG_WITHIN * sqrt((double)b->domain.node_count) * b->pcg.record->begun;
+    return fmax(sbi_step_touch_outside(step), within);
+}
+
 static double sbi_step_touch_share_of(double change, double scale)
 {
     return scale > (double)SB_EPSILON * change ? change / scale
@@ -100,7 +108,7 @@ static double sbi_step_touch_residual(const sbi_step *step)
     if (held == SB_XYZ)
         return share;
     change.sum = sbi_body_pick_axes((unsigned char)held, sb_v3(0, 0, 0), change.sum);
-    return fmax(share, 2.5 * sbi_step_touch_share_of((double)sb_v3_norm(change.sum), sbi_step_touch_outside(step)));
+    return fmax(share, 2.5 * sbi_step_touch_share_of((double)sb_v3_norm(change.sum), sbi_step_touch_sum_scale(step)));
 }
 
 /* Slope of the potential at a share of the way from the increment before: that of its linear part is `end` at the way's
@@ -238,6 +246,16 @@ static sb_real sbi_step_touch_aim(const sbi_step *step)
     return share * expected > last * tolerance ? share * expected : tolerance;
 }
 
+/* The last systems are asked for momentum, unless nothing has touched. */
+static double sbi_step_demand_outside(const sbi_step *step, sb_real aim)
+{
+    const sbi_touch *touch = step->touch;
+    int opened = touch->touching == 0 && touch->iterations > 1;
+    if (aim > step->linear_tolerance || (touch->touching == 0 && !opened))
+        return -1;
+    return sbi_step_touch_outside(step) + (opened ? step->body->pcg.record->met : 0);
+}
+
 /* What a system may leave is a share of what the step's tolerance admits: contact's forces are to have theirs. */
 static sb_result sbi_step_solve_next(sbi_step *step, sb_real aim, int goes_on)
 {
@@ -251,7 +269,7 @@ static sb_result sbi_step_solve_next(sbi_step *step, sb_real aim, int goes_on)
     demand.node_count = step->body->elimination ? 0 : touch->node_count; /* slaves' forces are their masters' */
     demand.nodes = touch->nodes;
     demand.force = touch->force;
-    demand.outside = aim <= step->linear_tolerance ? sbi_step_touch_outside(step) : -1;
+    demand.outside = sbi_step_demand_outside(step, aim);
     return sbi_step_solve_once(step, demand.is_touched || demand.later ? share * aim : aim, &demand);
 }
 

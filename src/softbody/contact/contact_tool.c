@@ -193,6 +193,8 @@ SB_API sb_result sb_contact_place_tool(sb_contact *contact, int tool, const sb_p
     result = sbi_tool_pose_check(pose, "the pose", &unit, error);
     if (result == SB_OK)
         result = sbi_tool_place_check(t->shape, t->chain_reached, &unit, "the pose", error);
+    if (result == SB_OK) /* it goes on to bend */
+        result = sbi_tool_place_check(t->shape, t->chain_wanted, &unit, "the pose", error);
     if (result == SB_OK)
         result = sbi_contact_check_depth(contact, t->shape, t->chain_reached, &unit, error);
     if (result != SB_OK)

@@ -781,10 +781,11 @@ typedef struct sbi_pcg_verdict {
 
 static sbi_pcg_verdict sbi_pcg_judge(sbi_pcg_state *s, sb_result result)
 {
+    const double other = 1.1; /* by a third of it in another direction: along the last one the next ones could grow */
     sbi_pcg_verdict verdict = {0, 0, 0, 0};
     for (sbi_pcg_part *part = s->parts; part < s->parts + s->part_count; part++) {
         double square = part->square, least = part->before > 4 * part->target ? 0.25 : 0.99;
-        part->fresh = result != SB_OK || !s->compact || square > 4 * part->recurred;
+        part->fresh = result != SB_OK || !s->compact || square > other * part->recurred;
         if (sbi_pcg_meets(s, part, part->target))
             continue;
         verdict.missed++;
@@ -817,6 +818,14 @@ static void sbi_pcg_restart(sbi_pcg_state *s)
     sbi_pcg_clear_idle(s);
     sbi_pcg_true_residual(s);
     for (int c = 0; c < s->part_count; c++)
+        s->parts[c].fresh = 1;
+    s->compact = NULL;
+}
+
+/* Goes on without the compact matrix. Along a direction that it was multiplied with the next ones grow without end. */
+static void sbi_pcg_leave_compact(sbi_pcg_state *s)
+{
+    for (int c = 0; s->compact && c < s->part_count; c++)
         s->parts[c].fresh = 1;
     s->compact = NULL;
 }
@@ -870,7 +879,7 @@ static sb_result sbi_pcg_refine(sbi_pcg_state *s, sb_preconditioner *preconditio
         if (s->compact && verdict.worse && round == 0 && !s->current)
             sbi_pcg_restart(s);
         else if (verdict.worse || verdict.drifted || result != SB_OK)
-            s->compact = NULL;
+            sbi_pcg_leave_compact(s);
         info->negative_curvature = 0; /* of the compact matrix, if any */
         for (int c = 0; c < s->part_count; c++)
             s->parts[c].before = s->parts[c].square;
@@ -924,11 +933,30 @@ static void sbi_pcg_set_drifts(sbi_pcg_state *s, double tolerance, double outsid
             continue;
         part->drift = rows * part->begun;
         if (outside >= 0 && outside * outside < part->drift)
-            part->drift = outside * outside;
+            part->drift = fmax(outside * outside, SBI_PCG_WITHIN * SBI_PCG_WITHIN * part->drift);
         part->drift *= tolerance * tolerance;
         if (part->drift < rows * least)
             part->drift = rows * least;
     }
+}
+
+/* |v|^2 on the axes of a row that nothing prescribes. */
+static double sbi_pcg_free_square(const sb_matrix *matrix, int row, const sb_real *v)
+{
+    double square = 0;
+    for (int axis = 0; axis < 3; axis++)
+        if (!(matrix->fixed[row] >> axis & 1))
+            square += (double)v[axis] * (double)v[axis];
+    return square;
+}
+
+/* Norm of what touches (N). */
+static double sbi_pcg_touch(const sb_matrix *matrix, const sbi_pcg_demand *demand)
+{
+    double square = 0;
+    for (int k = 0; k < demand->node_count; k++)
+        square += sbi_pcg_free_square(matrix, demand->nodes[k], &demand->force[k].x);
+    return sqrt(square);
 }
 
 /* |r|^2 of the parts without what touches the body. */
@@ -967,30 +995,19 @@ static void sbi_pcg_keep_begun(sbi_pcg_state *s, const sbi_pcg_demand *demand, s
     for (const sbi_pcg_part *part = s->parts; part < s->parts + s->part_count; part++)
         sum += part->begun;
     record->begun = sqrt(sum);
+    record->met = sbi_pcg_touch(s->matrix, demand);
 }
 
-/* |v|^2 on the axes of a row that nothing prescribes. */
-static double sbi_pcg_free_square(const sb_matrix *matrix, int row, const sb_real *v)
+/* The share of |rhs| that a touched step's tolerance is of: forces of contact (where it has opened, those that it
+ * opened from), or what the step began with, of |rhs| without what is prescribed. In the first system, whose right-hand
+ * side is that of the step, no more than 1. */
+static double sbi_pcg_touched_share(const sbi_pcg_state *s, const sbi_pcg_demand *demand, const sbi_pcg_record *record)
 {
-    double square = 0;
-    for (int axis = 0; axis < 3; axis++)
-        if (!(matrix->fixed[row] >> axis & 1))
-            square += (double)v[axis] * (double)v[axis];
-    return square;
-}
-
-/* The share of |rhs| that a touched step's tolerance is of: forces of contact, or what the step began with, of |rhs|
- * without what is prescribed. In the first system, whose right-hand side is that of the step, no more than 1. */
-static double sbi_pcg_touched_share(const sbi_pcg_state *s, const sbi_pcg_demand *demand, double begun)
-{
-    double touch = 0, rhs = 0, scale;
-    for (int k = 0; k < demand->node_count; k++)
-        touch += sbi_pcg_free_square(s->matrix, demand->nodes[k], &demand->force[k].x);
+    double touch = demand->is_touched ? sbi_pcg_touch(s->matrix, demand) : record->met, rhs = 0;
+    double scale = fmax(touch, record->begun);
     for (int i = 0; i < s->matrix->row_count; i++)
         rhs += sbi_pcg_free_square(s->matrix, i, s->rhs + 3 * (size_t)i);
-    touch = sqrt(touch);
     rhs = sqrt(rhs);
-    scale = touch > begun ? touch : begun;
     return rhs > 0 && (demand->later || scale < rhs) ? scale / rhs : 1;
 }
 
@@ -1001,13 +1018,14 @@ static void sbi_pcg_demand_all(sbi_pcg_state *s, const sbi_pcg_demand *demand, d
     double share = 1;
     sbi_pcg_keep_begun(s, demand, record);
     if (demand->is_touched || demand->later)
-        share = sbi_pcg_touched_share(s, demand, record->begun);
+        share = sbi_pcg_touched_share(s, demand, record);
     sbi_pcg_set_targets(s, tolerance * share, rhs_square);
     if (moves && (demand->current || demand->later))
         sbi_pcg_set_drifts(s, tolerance, demand->node_count > 0 ? demand->outside : -1);
-    record->loose = 0;
+    record->loose = moves ? SB_XYZ : 0;
     for (const sbi_pcg_part *part = s->parts; part < s->parts + s->part_count; part++)
-        record->loose |= part->drift >= 0 ? part->loose : 0;
+        if (sbi_pcg_is_head(s, part))
+            record->loose &= part->drift >= 0 ? part->loose : 0;
 }
 
 /* The worst part's |r| / |rhs|. */
@@ -1076,6 +1094,8 @@ static void sbi_pcg_begin_residual(sbi_pcg_state *s, const sbi_pcg_demand *deman
         sbi_pcg_run_square(s, sbi_pcg_norm_task, 1);
     } else if (rhs_square > 0) {
         sbi_pcg_first_residual(s);
+    } else {
+        memset(s->r, 0, 3 * (size_t)s->matrix->row_count * sizeof(sb_real));
     }
 }
 

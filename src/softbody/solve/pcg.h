@@ -88,12 +88,17 @@ typedef struct sbi_pcg_extra {
     double (*multiply)(void *user, const sb_real *x, sb_real *y);
 } sbi_pcg_extra;
 
+/* Momentum is kept to the tolerance of forces from outside, or of this share of those within that were out of balance
+ * where motion went on as it was: of a touch that is next to nothing it would be kept to rounding. */
+#define SBI_PCG_WITHIN 0.01
+
 /* What is known of a workspace's last solve. */
 typedef struct sbi_pcg_record {
     double softest; /* 1 / the smallest eigenvalue of M^-1 A that it saw; 0: none */
     double begun;   /* N: |r| at the start of the step's first system, without what touches the body */
+    double met;     /* N: norm of what touched there */
     int part_count; /* parts of that one */
-    int loose;      /* axes on which nothing holds one of them */
+    int loose;      /* axes on which nothing holds any of them */
     int is_left;    /* 1: the workspace's residual is that of the x that it returned */
 } sbi_pcg_record;
 
@@ -107,7 +112,7 @@ typedef struct sbi_pcg_demand {
     int node_count;       /* what touches: */
     const int *nodes;     /* [node_count] rows, each once */
     const sb_vec3 *force; /* [node_count] (N), at the start x */
-    double outside;       /* N: magnitudes of all forces from outside, what touches included; only of a touched step */
+    double outside;       /* N: magnitudes of all forces from outside, what touches included; < 0: not looked at */
 } sbi_pcg_demand;
 
 /* The same for the step of a body, with a preconditioner that was updated with this very matrix. The product in 32 bits
