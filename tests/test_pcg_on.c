@@ -202,6 +202,7 @@ static void test_may_go_on(void)
     options.max_iterations = 1000;
     CHECK_OK(sb_pcg_solve(&c.b.a, c.precond, c.b.rhs, c.b.x, &options, &c.workspace, NULL));
     CHECK(c.workspace.record->is_left);
+    check_bad_numbers();
     c.workspace.residual[3 * (size_t)c.b.nodes - 1] = (sb_real)HUGE_VAL;
     CHECK_RESULT(on_solve(&c.b.a, c.precond, c.b.rhs, c.b.x, &options, &c.workspace, &info), SB_ERROR_DIVERGED);
     CHECK(!c.workspace.record->is_left);

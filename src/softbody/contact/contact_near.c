@@ -563,6 +563,7 @@ static void sbi_near_take_row(const sbi_near_shape *shape, const sbi_pair_plate 
         row->height[l] = nx[l] * dx + ny[l] * dy + nz[l] * dz;
         row->square[l] = dx * dx + dy * dy + dz * dz;
         row->turn[l] = nx[l] * normal.x + ny[l] * normal.y + nz[l] * normal.z;
+        row->low[l] = SB_REAL_MAX, row->high[l] = -SB_REAL_MAX;
     }
     if (shape->count == 0)
         sbi_near_lay_disc(shape, row);
@@ -571,8 +572,8 @@ static void sbi_near_take_row(const sbi_near_shape *shape, const sbi_pair_plate 
         SBI_PAIR_EACH_SIDE(l)
         {
             const sb_real height = nx[l] * (corner.x - x[l]) + ny[l] * (corner.y - y[l]) + nz[l] * (corner.z - z[l]);
-            row->low[l] = a == 0 ? height : sb_min(row->low[l], height);
-            row->high[l] = a == 0 ? height : sb_max(row->high[l], height);
+            row->low[l] = sb_min(row->low[l], height);
+            row->high[l] = sb_max(row->high[l], height);
         }
     }
 }

@@ -124,6 +124,8 @@ SB_API sb_result sb_haptic_create(const sb_haptic_def *def, sb_haptic **haptic, 
     made->hangs = sbi_contact_is_hung(def->contact->tools + def->tool);
     full = sbi_haptic_couple(def);
     result = sbi_servo_begin(&made->servo, &full, error);
+    if (made->hangs)
+        made->servo.coupling.most = (double)def->contact->tools[def->tool].spring.most;
     if (result == SB_OK && !sbi_haptic_take_memory(made))
         result = sbi_fail(error, SB_ERROR_MEMORY, "no memory for a hand at a tool");
     if (result != SB_OK) {

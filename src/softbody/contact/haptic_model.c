@@ -373,9 +373,24 @@ static void sbi_haptic_balance_find(sbi_haptic_model *model, const sbi_haptic_co
         found->tissue = sbi_haptic_model_at(model, tool, found->touches);
 }
 
-SBI_API sbi_d_wrench sbi_haptic_model_feel(sbi_haptic_model *model, const sbi_haptic_coupling *coupling,
-                                           const sbi_d_pose *hand, sbi_d_pose *tool, double *stored)
+/* A hand that pulls with all that the coupling may: as far from the tool of the frame as does so. Farther away it would
+ * drive the tool into planes as no step does, and what is off in their directions would count for many times the pull.
+ */
+static sbi_d_pose sbi_haptic_within_pull(const sbi_haptic_model *model, const sbi_haptic_coupling *coupling,
+                                         const sbi_d_pose *hand)
 {
+    sbi_d_pose held = *hand;
+    const sbi_d3 way = sbi_d_sub(hand->position, model->frame.pose.position);
+    const double length = sbi_d_norm(way), pull = coupling->translation * length;
+    if (model->frame.count > 0 && coupling->most > 0 && pull > coupling->most)
+        held.position = sbi_d_madd(model->frame.pose.position, coupling->most / pull, way);
+    return held;
+}
+
+SBI_API sbi_d_wrench sbi_haptic_model_feel(sbi_haptic_model *model, const sbi_haptic_coupling *coupling,
+                                           const sbi_d_pose *given, sbi_d_pose *tool, double *stored)
+{
+    const sbi_d_pose within = sbi_haptic_within_pull(model, coupling, given), *hand = &within;
     sbi_haptic_balance found;
     sbi_d_wrench felt;
     *stored = 0;

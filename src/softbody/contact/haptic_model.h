@@ -68,6 +68,7 @@ typedef struct sbi_haptic_model {
 /* What holds the tool to the hand. A translation of 0 is rigid, in rotation too; a rotation of 0 is rigid by itself. */
 typedef struct sbi_haptic_coupling {
     double translation, rotation; /* N/m, N m/rad */
+    double most;                  /* N: it pulls with no more; 0: no bound */
 } sbi_haptic_coupling;
 
 /* 1 when everything in the frame is finite, of a size that can be computed with, and within its range. */
