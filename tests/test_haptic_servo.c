@@ -164,7 +164,7 @@ static void test_frame_at_its_pose(void)
     seed_t seed = 5;
     for (int i = 0; i < 200; i++) {
         sbi_haptic_frame frame = random_frame(&seed, 1 + i % SBI_HAPTIC_CLUSTERS, 100);
-        sbi_haptic_coupling rigid = {0, 0};
+        sbi_haptic_coupling rigid = {0, 0, 0};
         sbi_haptic_model model = no_model();
         sbi_d_wrench sum, felt;
         sbi_d_pose tool;
@@ -191,7 +191,7 @@ static void test_frame_at_its_pose(void)
 static void test_plane(void)
 {
     sbi_haptic_frame frame = plane_frame(-0.001, 1, 1000);
-    sbi_haptic_coupling rigid = {0, 0};
+    sbi_haptic_coupling rigid = {0, 0, 0};
     sbi_haptic_model model = no_model();
     sbi_d_pose pose = frame.pose, tool;
     sbi_d_wrench felt;
@@ -262,7 +262,7 @@ static void test_relaxing(void)
     for (int i = 0; i < 100; i++) {
         double unit = exp(check_random_in(&seed, -7, 7)), elastic = check_random_in(&seed, 100, 2000);
         double viscous = elastic * check_random_in(&seed, 0.1, 3), z[3] = {0, 0, 0}, push, stored, share = 0;
-        sbi_haptic_coupling rigid = {0, 0};
+        sbi_haptic_coupling rigid = {0, 0, 0};
         sbi_haptic_model model = no_model();
         sbi_d_pose pose, tool;
         for (int step = 0; step < 14; step++) {
@@ -296,7 +296,7 @@ static void test_coupling_formula(void)
     double worst = 0, worst_force = 0;
     for (int i = 0; i < 500; i++) {
         sbi_haptic_frame frame = random_frame(&seed, 1 + i % SBI_HAPTIC_CLUSTERS, 1e6);
-        sbi_haptic_coupling coupling = {check_random_in(&seed, 50, 5000), 0};
+        sbi_haptic_coupling coupling = {check_random_in(&seed, 50, 5000), 0, 0};
         sbi_haptic_model model = no_model();
         sbi_d_pose hand = frame.pose, tool = frame.pose;
         sbi_d_wrench felt;
@@ -347,7 +347,7 @@ static void test_coupling_balance(void)
     int unfound = 0, count = check_quick() ? 2000 : 20000;
     for (int i = 0; i < count; i++) {
         sbi_haptic_frame frame = random_frame(&seed, 1 + i % SBI_HAPTIC_CLUSTERS, i % 3 ? 0.3 : 0);
-        sbi_haptic_coupling coupling, rigid = {0, 0};
+        sbi_haptic_coupling coupling, rigid = {0, 0, 0};
         sbi_haptic_model model = no_model(), copy;
         sbi_d_pose hand = frame.pose, tool = frame.pose, again;
         sbi_d_wrench felt, tissue;
@@ -372,7 +372,7 @@ static void test_coupling_balance(void)
 static void test_coupling_tangent(void)
 {
     sbi_haptic_frame frame = plane_frame(0, 1, 600);
-    sbi_haptic_coupling coupling = {900, 2};
+    sbi_haptic_coupling coupling = {900, 2, 0};
     double stored, way = 1e-5, turn = 1e-5, arm = 0.03, low, high;
     sbi_d_pose hand = frame.pose, tool = frame.pose;
     sbi_haptic_model model = no_model();
