@@ -339,6 +339,44 @@ static void test_coupling_formula(void)
     CHECK_NEAR(worst_force, 0, 5e-11);
 }
 
+/* The tool is pulled with all that the coupling may and the hand goes on in the same direction, however far: what is
+ * felt stays, with the tool where the frame has it. Without a bound, planes that tilt turn it aside. */
+static void test_bounded_pull(void)
+{
+    seed_t seed = 19;
+    double worst = 0, aside = 0;
+    for (int i = 0; i < 200; i++) {
+        sbi_haptic_frame frame = random_frame(&seed, 1 + i % SBI_HAPTIC_CLUSTERS, 1e6);
+        sbi_haptic_coupling coupling = {check_random_in(&seed, 50, 5000), 0, 0};
+        sbi_d3 force = sbi_d(0, 0, 0);
+        for (int c = 0; c < frame.count; c++) {
+            const sbi_haptic_cluster *p = frame.clusters + c;
+            frame.clusters[c].push += 5; /* stays in contact */
+            force = sbi_d_add(force, sbi_d_madd(p->traction, p->push, p->normal));
+        }
+        for (int bounded = 0; bounded < 2; bounded++) {
+            const double times = exp(check_random_in(&seed, 0, 5)), most = sbi_d_norm(force);
+            sbi_haptic_model model = no_model();
+            sbi_d_pose hand = frame.pose, tool = frame.pose;
+            sbi_d_wrench felt;
+            double stored, off;
+            coupling.most = bounded ? most : 0;
+            sbi_haptic_model_set(&model, &frame);
+            hand.position = sbi_d_madd(hand.position, -times / coupling.translation, force);
+            felt = sbi_haptic_model_feel(&model, &coupling, &hand, &tool, &stored);
+            off = sbi_d_norm(sbi_d_sub(sbi_d_scale(most / sbi_d_norm(felt.force), felt.force), force)) / most;
+            if (!bounded) {
+                aside = fmax(aside, off);
+                continue;
+            }
+            worst = fmax(worst, sbi_d_norm(sbi_d_sub(felt.force, force)) / most);
+            CHECK_NEAR(sbi_d_norm(sbi_d_sub(tool.position, frame.pose.position)), 0, 1e-9);
+        }
+    }
+    CHECK_NEAR(worst, 0, 1e-7);
+    CHECK(aside > 0.1);
+}
+
 /* With turns, slip and planes that let go: tissue and coupling balance where the tool is said to be, from wherever the
  * search starts. */
 static void test_coupling_balance(void)
@@ -972,22 +1010,20 @@ static void test_fidelity(void)
     fidelity("2 Hz, 60 Hz steps", 2, 1 / 60.0, 0.008);
 }
 
-CHECK_SUITE(haptic_servo, {"rotations there and back", test_turns},
-            {"a device's state from OpenHaptics", test_from_openhaptics},
-            {"a frame gives back its wrench at its pose", test_frame_at_its_pose},
-            {"a plane pushes, sticks, slides and lets go", test_plane}, {"what relaxes in a step", test_relaxing},
-            {"unsound frames are told from sound ones", test_unsound_frames},
-            {"the coupling against its formula", test_coupling_formula},
-            {"tissue and coupling balance with turns and slip", test_coupling_balance},
-            {"the coupling's tangent", test_coupling_tangent}, {"definitions, defaults and refusals", test_definition},
-            {"frames blend without a jump", test_blending}, {"a frame too old fades, and force returns", test_stale},
-            {"limits of force and of its change", test_limits},
-            {"energy of a held force is exact", test_energy_is_exact}, {"an empty bank gives nothing", test_empty_bank},
-            {"energy that organs may give", test_energy_rate},
-            {"scaled motion and force are a scaled scene", test_scales},
-            {"any input gives a finite force within limits", test_fuzz},
-            {"hands come to rest in any tissue", test_no_swing},
-            {"a held force swings where planes do not", test_held_force_swings},
-            {"random hands get no energy from late steps", test_passive}, {"a hand that lets go", test_let_go},
-            {"a resting hand keeps its force", test_rest},
-            {"force against the same tissue stepped at 1 kHz", test_fidelity});
+CHECK_SUITE(
+    haptic_servo, {"rotations there and back", test_turns},
+    {"a device's state from OpenHaptics", test_from_openhaptics},
+    {"a frame gives back its wrench at its pose", test_frame_at_its_pose},
+    {"a plane pushes, sticks, slides and lets go", test_plane}, {"what relaxes in a step", test_relaxing},
+    {"unsound frames are told from sound ones", test_unsound_frames},
+    {"the coupling against its formula", test_coupling_formula},
+    {"tissue and coupling balance with turns and slip", test_coupling_balance},
+    {"a coupling that pulls with all it may", test_bounded_pull}, {"the coupling's tangent", test_coupling_tangent},
+    {"definitions, defaults and refusals", test_definition}, {"frames blend without a jump", test_blending},
+    {"a frame too old fades, and force returns", test_stale}, {"limits of force and of its change", test_limits},
+    {"energy of a held force is exact", test_energy_is_exact}, {"an empty bank gives nothing", test_empty_bank},
+    {"energy that organs may give", test_energy_rate}, {"scaled motion and force are a scaled scene", test_scales},
+    {"any input gives a finite force within limits", test_fuzz}, {"hands come to rest in any tissue", test_no_swing},
+    {"a held force swings where planes do not", test_held_force_swings},
+    {"random hands get no energy from late steps", test_passive}, {"a hand that lets go", test_let_go},
+    {"a resting hand keeps its force", test_rest}, {"force against the same tissue stepped at 1 kHz", test_fidelity});
