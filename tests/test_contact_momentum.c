@@ -10,6 +10,7 @@ typedef struct flight {
     press p;
     sb_vec3 velocity, gravity; /* m/s, m/s^2 */
     sb_vec3 at[2], press[2];   /* tools' places, and what they move by beside the velocity (m/s) */
+    sb_quat turns[2];
     int tools[2], tool_count;
     double dt, unit, mass;        /* s, m, kg */
     double rounding;              /* N: of momentum over dt */
@@ -35,11 +36,18 @@ static void flight_add_tool(flight *f, unsigned long long *seed)
     const int t = f->tool_count++, below = t == 0;
     const double x = check_random_in(seed, 0.02, 0.08), y = check_random_in(seed, 0.02, 0.08);
     sb_tool_def tool;
+    f->turns[t] = sb_quat_identity();
     f->at[t] = sb_v3(REAL(f->unit * x), REAL(f->unit * y), REAL(below ? -radius - near : height + radius + near));
     f->press[t] =
         sb_v3_scale(REAL(f->unit), sb_v3(REAL(check_random_in(seed, -0.1, 0.1)), REAL(check_random_in(seed, -0.1, 0.1)),
                                          REAL((below ? 1 : -1) * random_scale(seed, 0.01, 0.2))));
     tool = press_sphere(radius, check_random_in(seed, 0, 1), f->at[t]);
+    if (random_below(seed, 3) == 0) { /* a box as high as the sphere, turned about z */
+        const double round = 0.7 * radius, half = radius;
+        tool = press_box(sb_v3(REAL(half), REAL(half), REAL(half)), round, check_random_in(seed, 0, 1), f->at[t]);
+        f->turns[t] = sb_quat_from_rotation_vector(sb_v3(0, 0, REAL(check_random_in(seed, -3, 3))));
+        tool.pose.rotation = f->turns[t];
+    }
     f->tools[t] = press_add(&f->p, &tool);
 }
 
@@ -57,6 +65,8 @@ static flight flight_make(unsigned long long *seed, double tolerance)
     f.unit = pow(1000, random_below(seed, 3) - 1);
     mesh = scene_box(types[random_below(seed, 3)], cells, cells, 2,
                      sb_v3(REAL(0.1 * f.unit), REAL(0.1 * f.unit), REAL(0.04 * f.unit)), check_random_in(seed, 0, 0.2));
+    for (int i = 0, graded = random_below(seed, 3) == 0; graded && i < mesh.node_count; i++) /* cells of 1 to 4 */
+        mesh.nodes[i].x *= REAL(0.3 + 0.7 * (double)mesh.nodes[i].x / (0.1 * f.unit));
     def = flight_def(seed, f.unit, tolerance);
     contact.max_iterations = 20;
     f.p = press_make(mesh, def, contact);
@@ -99,7 +109,7 @@ static double flight_step(flight *f)
     sb_contact_info seen;
     for (int t = 0; t < f->tool_count; t++) {
         f->at[t] = sb_v3_madd(f->at[t], REAL(f->dt), sb_v3_add(f->velocity, f->press[t]));
-        press_move(&f->p, f->tools[t], f->at[t], sb_quat_identity());
+        press_move(&f->p, f->tools[t], f->at[t], f->turns[t]);
     }
     before = sb_body_momentum(f->p.body);
     CHECK_OK(sb_body_step(f->p.body, REAL(f->dt), &info));

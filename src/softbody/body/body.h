@@ -76,7 +76,8 @@ typedef struct sb_body_def {
                                * choose theirs from newton_tolerance. Each connected part meets it by itself,
                                * however light; b has M v / dt, but parts that nothing holds keep their momentum
                                * to this share of the forces, however fast they are; touched by tools, of weights,
-                               * loads and tools' forces in magnitude, unless contact was cut short
+                               * loads and tools' forces in magnitude or, where that is more, of a hundredth of the
+                               * forces within that are out of balance, unless contact was cut short
                                * (sb_contact_info.capped). Within a part it says nothing of what is soft or light
                                * there beside the rest */
     int max_iterations;       /* of a step's linear solve; bounds a frame's time; default 500 */
