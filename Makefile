@@ -180,9 +180,11 @@ build/flags: FORCE
 	@mkdir -p build
 	@echo '$(BUILT_WITH)' | cmp -s - $@ || echo '$(BUILT_WITH)' >$@
 
-build/suites.h: $(TESTS)
+# One line SUITE(name) for each CHECK_SUITE, whose name a formatter may have put on the line after it
+LIST_SUITES = sed -n '/^CHECK_SUITE($$/N;s/^CHECK_SUITE([^a-z]*\([a-z0-9_]*\).*/SUITE(\1)/p'
+build/suites.h: $(TESTS) Makefile
 	@mkdir -p build
-	sed -n 's/^CHECK_SUITE(\([a-z0-9_]*\).*/SUITE(\1)/p' $(TESTS) >$@
+	$(LIST_SUITES) $(TESTS) >$@
 
 # A call of every public function with every argument in turn replaced by an absurd one. A new function whose arguments
 # tests/calls.txt has no rule for stops the build, by name.
@@ -202,7 +204,7 @@ build/$(1)/implementation.o: tests/implementation.c $(HEADERS) build/flags
 	$(2) $(INCLUDES) $(3) $(if $(filter $(INTERNAL_TESTS),$(or $(6),$(TESTS))),-DSB_SPLIT_BUILD) -c $$< -o $$@
 build/$(1)/suites.h: $(or $(6),$(TESTS)) Makefile
 	@mkdir -p $$(@D)
-	sed -n 's/^CHECK_SUITE(\([a-z0-9_]*\).*/SUITE(\1)/p' $(or $(6),$(TESTS)) >$$@
+	$$(LIST_SUITES) $(or $(6),$(TESTS)) >$$@
 build/$(1)/main.o: build/$(1)/suites.h
 build/$(1)/test_hostile.o: build/calls.h
 build/$(1)/tests$(5): $$(patsubst tests/%.c,build/$(1)/%.o,$(or $(6),$(TESTS)) tests/main.c tests/implementation.c)
@@ -351,7 +353,7 @@ GOLDEN_NAMES = gcc-O0 gcc-O2 gcc-O3 clang-O0 clang-O2 clang-O3
 
 build/golden/suites.h: $(GOLDEN_TESTS) Makefile
 	@mkdir -p $(@D)
-	sed -n 's/^CHECK_SUITE(\([a-z0-9_]*\).*/SUITE(\1)/p' $(GOLDEN_TESTS) >$@
+	$(LIST_SUITES) $(GOLDEN_TESTS) >$@
 build/golden/main.o: tests/main.c tests/check.h build/golden/suites.h build/flags
 	$(CC) $(CFLAGS) -Ibuild/golden $(TEST_INCLUDES) -std=c99 $(C_WARNINGS) -c $< -o $@
 
