@@ -74,6 +74,23 @@ static void sbi_near_measure_face(sb_contact *contact, int face, const sb_vec3 *
     pairs->organ_counts[organ]++;
 }
 
+/* Which organ each face's nodes go with; a skin's triangle may have nodes in several. */
+static void sbi_near_place_nodes(sb_contact *contact)
+{
+    sbi_pairs *pairs = &contact->pairs;
+    const sbi_contact_faces *faces = contact->faces;
+    for (int i = 0; i < faces->node_room; i++)
+        pairs->node_organs[i] = -1;
+    for (int f = 0; f < faces->face_end; f++) {
+        const int *nodes = sbi_contact_face_nodes(faces, f), organ = pairs->organs[f];
+        const int own = organ < 0 ? pairs->organ_count : organ;
+        for (int a = 0; a < faces->sizes[f]; a++) {
+            int *place = pairs->node_organs + nodes[a];
+            *place = *place < 0 || *place == own ? own : pairs->organ_count;
+        }
+    }
+}
+
 static void sbi_near_measure_organs(sb_contact *contact)
 {
     sbi_pairs *pairs = &contact->pairs;
@@ -81,8 +98,12 @@ static void sbi_near_measure_organs(sb_contact *contact)
     const sb_vec3 *rest = sbi_contact_points_at_rest(contact);
     memset(pairs->organ_lengths, 0, (size_t)nodes * sizeof(sb_real));
     memset(pairs->organ_counts, 0, (size_t)nodes * sizeof(int));
-    for (int f = 0; f < contact->faces->face_end; f++)
+    pairs->organ_count = 0;
+    for (int f = 0; f < contact->faces->face_end; f++) {
         sbi_near_measure_face(contact, f, rest);
+        pairs->organ_count = sbi_max_int(pairs->organ_count, pairs->organs[f] + 1);
+    }
+    sbi_near_place_nodes(contact);
     pairs->longest = 0;
     pairs->shortest = SB_REAL_MAX;
     for (int o = 0; o < nodes; o++)
@@ -649,7 +670,8 @@ static int sbi_near_relate(const sbi_near_relation *relation, const sbi_near_row
     return lists;
 }
 
-/* Which of a row may be in a list: what sbi_near_take_disc asks, of bounds that are those of all faces. */
+/* Which of a row may be in a list and touch the face at all: what sbi_near_take_disc, sbi_near_is_far and
+ * sbi_pairs_may_touch ask, of bounds that are those of all faces. */
 static void sbi_near_ask_row(const sbi_near_relation *relation, sbi_near_row *row)
 {
     const sb_contact *contact = relation->contact;
@@ -657,16 +679,20 @@ static void sbi_near_ask_row(const sbi_near_relation *relation, sbi_near_row *ro
         SBI_NEAR_LOOSE * sb_max(sb_min(sbi_near_highest_of_all(contact), relation->soon), relation->near);
     const sb_real rounded = SBI_NEAR_LOOSE * 3 * SBI_PAIR_BESIDE * contact->pairs.longest_face;
     const sb_real bulge = relation->shape.plate.bulge + rounded, radius = relation->shape.plate.radius + rounded;
+    const sb_real far = contact->pairs.reach + relation->near;
     SBI_PAIR_EACH_SIDE(l)
     {
-        const sb_real low = row->low[l] - row->bulge[l] - bulge;
-        const sb_real reach = SBI_NEAR_LOOSE * (radius + row->radius[l] + sb_max(most, -SBI_PAIR_SLANTED * low));
+        const sb_real low = row->low[l] - row->bulge[l] - bulge, wide = radius + row->radius[l];
+        const sb_real reach = SBI_NEAR_LOOSE * (wide + sb_max(most, -SBI_PAIR_SLANTED * low));
+        const sb_real ball_reach = SBI_NEAR_LOOSE * (wide + far);
         const sb_real beside = row->square[l] - row->height[l] * row->height[l];
-        row->off[l] = sb_max(low - most, beside - reach * reach);
+        const sb_real off = sb_max(low - most, beside - reach * reach);
+        row->off[l] = sb_max(sb_max(off, row->square[l] - ball_reach * ball_reach),
+                             row->turn[l] - SBI_NEAR_LOOSE * SBI_NEAR_TURNED);
     }
 }
 
-SBI_API int sbi_pairs_find_related(sb_contact *contact, int face, const int *others, int count)
+SBI_API int sbi_pairs_find_related(sb_contact *contact, int face, const sbi_pair_box *way, const int *others, int count)
 {
     sbi_pairs *pairs = &contact->pairs;
     sbi_near_relation relation;
@@ -683,7 +709,7 @@ SBI_API int sbi_pairs_find_related(sb_contact *contact, int face, const int *oth
         sbi_near_ask_row(&relation, &row);
         for (int l = 0; l < side; l++) {
             sbi_pair_related *related = pairs->related + found;
-            if (row.off[l] > 0)
+            if (row.off[l] > 0 || (way && !sbi_pairs_comes(contact, face, way, others[first + l])))
                 continue;
             related->other = others[first + l];
             related->highest = 0;
@@ -711,6 +737,22 @@ SBI_API sb_real sbi_pairs_between(const sb_contact *contact, int face, int other
            pairs->plates[other].radius;
     most = sb_max(most, sbi_near_off_plane(pairs, face, other, lean));
     return sb_max(most, sbi_near_off_plane(pairs, other, face, lean));
+}
+
+SBI_API int sbi_pairs_is_beyond(const sb_contact *contact, int face, sb_vec3 at, sb_real most)
+{
+    const sbi_pair_plate *plate = contact->pairs.plates + face;
+    const sb_vec3 way = sb_v3_sub(at, plate->middle);
+    const sb_real square = sb_v3_dot(way, way), height = sb_v3_dot(plate->normal, way);
+    const sb_real loose = SBI_NEAR_LOOSE * most, reach = plate->radius + loose;
+    sb_real off, beside;
+    if (square > reach * reach)
+        return 1;
+    off = sb_max((sb_real)0, sb_abs(height) - plate->bulge);
+    if (off > loose)
+        return 1;
+    beside = plate->radius + sb_sqrt(loose * loose - off * off);
+    return square - height * height > beside * beside;
 }
 
 /* 1 when a normal of one may look at one of the other: the least product of numbers in the boxes. */
@@ -768,7 +810,7 @@ static int sbi_near_is_marked(const uint64_t *marks, int face)
 /* 1 when a face has to do with another, as far as the walk looks. */
 static int sbi_near_counts(const sbi_near_walk *walk, int face, int other)
 {
-    return walk->kind != SBI_NEAR_PAIRED || sbi_pairs_find_related(walk->contact, face, &other, 1) > 0;
+    return walk->kind != SBI_NEAR_PAIRED || sbi_pairs_find_related(walk->contact, face, NULL, &other, 1) > 0;
 }
 
 /* Two faces whose boxes meet. */
