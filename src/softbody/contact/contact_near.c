@@ -822,14 +822,15 @@ SBI_API int sbi_pairs_is_beyond(const sb_contact *contact, int face, sb_vec3 at,
     const sbi_pair_plate *plate = contact->pairs.plates + face;
     const sb_vec3 way = sb_v3_sub(at, plate->middle);
     const sb_real square = sb_v3_dot(way, way), height = sb_v3_dot(plate->normal, way);
-    const sb_real loose = SBI_NEAR_LOOSE * most, reach = plate->radius + loose;
+    const sb_real loose = SBI_NEAR_LOOSE * most + SBI_NEAR_ROUNDED * contact->faces->lengths[face];
+    const sb_real reach = plate->radius + loose;
     sb_real off, beside;
     if (square > reach * reach)
         return 1;
     off = sb_max((sb_real)0, sb_abs(height) - plate->bulge);
     if (off > loose)
         return 1;
-    beside = plate->radius + sb_sqrt(loose * loose - off * off);
+    beside = plate->radius + sb_sqrt(sb_max((sb_real)0, loose * loose - off * off));
     return square - height * height > beside * beside;
 }
 

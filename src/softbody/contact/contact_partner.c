@@ -314,14 +314,16 @@ static int sbi_partner_is_behind_any(const sbi_pair_search *search)
     return 0;
 }
 
-/* How far the face is that the sample before this one was nearest to: what is farther is not the nearest. */
+/* How far the face is that the sample before this one was nearest to: what is farther is not the nearest. One that is
+ * not among those that count does not bound them. */
 static sb_real sbi_partner_first_away(const sbi_pair_search *search)
 {
+    const int first = search->first;
     sbi_partner_look look;
-    if (search->first_place < 0 || sbi_pairs_is_beyond(search->contact, search->first, search->at,
-                                                       sbi_partner_farthest(search->contact, search->first)))
+    if (first < 0 || (search->first_place < 0 && !sbi_partner_counts(search, first)) ||
+        sbi_pairs_is_beyond(search->contact, first, search->at, sbi_partner_farthest(search->contact, first)))
         return SB_REAL_MAX / 4;
-    sbi_partner_look_at(search, search->first, &look);
+    sbi_partner_look_at(search, first, &look);
     return look.away;
 }
 
