@@ -27,6 +27,9 @@ static void sbi_contact_lay_out_pairs(sb_contact *c, sbi_arena *arena)
     p->still.listed_count = (int *)sbi_arena_take(arena, faces, sizeof(int));
     p->still.list = (int *)sbi_arena_take(arena, faces, SBI_STILL_LISTED * sizeof(int));
     p->still.seen = (sb_vec3 *)sbi_arena_take(arena, nodes, sizeof(sb_vec3));
+    p->still.closed = (sb_real *)sbi_arena_take(arena, any, sizeof(sb_real));
+    p->still.closing = (sb_real *)sbi_arena_take(arena, any + 1, sizeof(sb_real));
+    p->still.coasting = (sb_real *)sbi_arena_take(arena, any + 1, sizeof(sb_real));
     p->organs = (int *)sbi_arena_take(arena, faces, sizeof(int));
     p->found = (int *)sbi_arena_take(arena, faces, sizeof(int));
     p->related = (sbi_pair_related *)sbi_arena_take(arena, faces, sizeof *p->related);
@@ -37,6 +40,7 @@ static void sbi_contact_lay_out_pairs(sb_contact *c, sbi_arena *arena)
     p->first_face = (int *)sbi_arena_take(arena, nodes + 1, sizeof(int));
     p->organ_counts = (int *)sbi_arena_take(arena, any, sizeof(int));
     p->organ_lengths = (sb_real *)sbi_arena_take(arena, any, sizeof(sb_real));
+    p->node_organs = (int *)sbi_arena_take(arena, nodes, sizeof(int));
     p->thickness = (sb_real *)sbi_arena_take(arena, faces, sizeof(sb_real));
     p->centres = (sb_vec3 *)sbi_arena_take(arena, faces, sizeof(sb_vec3));
     p->rest_normals = (sb_vec3 *)sbi_arena_take(arena, faces, sizeof(sb_vec3));

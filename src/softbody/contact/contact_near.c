@@ -74,6 +74,23 @@ static void sbi_near_measure_face(sb_contact *contact, int face, const sb_vec3 *
     pairs->organ_counts[organ]++;
 }
 
+/* Which organ each face's nodes go with; a skin's triangle may have nodes in several. */
+static void sbi_near_place_nodes(sb_contact *contact)
+{
+    sbi_pairs *pairs = &contact->pairs;
+    const sbi_contact_faces *faces = contact->faces;
+    for (int i = 0; i < faces->node_room; i++)
+        pairs->node_organs[i] = -1;
+    for (int f = 0; f < faces->face_end; f++) {
+        const int *nodes = sbi_contact_face_nodes(faces, f), organ = pairs->organs[f];
+        const int own = organ < 0 ? pairs->organ_count : organ;
+        for (int a = 0; a < faces->sizes[f]; a++) {
+            int *place = pairs->node_organs + nodes[a];
+            *place = *place < 0 || *place == own ? own : pairs->organ_count;
+        }
+    }
+}
+
 static void sbi_near_measure_organs(sb_contact *contact)
 {
     sbi_pairs *pairs = &contact->pairs;
@@ -81,8 +98,12 @@ static void sbi_near_measure_organs(sb_contact *contact)
     const sb_vec3 *rest = sbi_contact_points_at_rest(contact);
     memset(pairs->organ_lengths, 0, (size_t)nodes * sizeof(sb_real));
     memset(pairs->organ_counts, 0, (size_t)nodes * sizeof(int));
-    for (int f = 0; f < contact->faces->face_end; f++)
+    pairs->organ_count = 0;
+    for (int f = 0; f < contact->faces->face_end; f++) {
         sbi_near_measure_face(contact, f, rest);
+        pairs->organ_count = sbi_max_int(pairs->organ_count, pairs->organs[f] + 1);
+    }
+    sbi_near_place_nodes(contact);
     pairs->longest = 0;
     pairs->shortest = SB_REAL_MAX;
     for (int o = 0; o < nodes; o++)
@@ -505,6 +526,63 @@ SBI_API int sbi_pairs_is_above(const sb_contact *contact, int other, sb_vec3 at,
     return height > most + SBI_NEAR_ROUNDED * contact->faces->lengths[other];
 }
 
+/* A face's way from x to x + dt v. */
+static sbi_pair_box sbi_near_box(const sbi_contact_faces *faces, int face, const sb_vec3 *x, const sb_vec3 *v,
+                                 sb_real dt)
+{
+    const int *nodes = sbi_contact_face_nodes(faces, face);
+    /* a curved face stays within half of its length of its corners' box */
+    const int is_curved = faces->kinds[faces->sizes[face]].corners < faces->sizes[face];
+    const sb_real grow = is_curved ? (sb_real)0.5 * faces->lengths[face] : 0;
+    sb_vec3 low = {SB_REAL_MAX, SB_REAL_MAX, SB_REAL_MAX}, high = {-SB_REAL_MAX, -SB_REAL_MAX, -SB_REAL_MAX};
+    sbi_pair_box box;
+    for (int a = 0; a < faces->sizes[face]; a++) {
+        sb_vec3 at = x[nodes[a]], to = v ? sb_v3_madd(at, dt, v[nodes[a]]) : at;
+        low = sb_v3(sb_min(low.x, sb_min(at.x, to.x)), sb_min(low.y, sb_min(at.y, to.y)),
+                    sb_min(low.z, sb_min(at.z, to.z)));
+        high = sb_v3(sb_max(high.x, sb_max(at.x, to.x)), sb_max(high.y, sb_max(at.y, to.y)),
+                     sb_max(high.z, sb_max(at.z, to.z)));
+    }
+    box.low = sb_v3(low.x - grow, low.y - grow, low.z - grow);
+    box.high = sb_v3(high.x + grow, high.y + grow, high.z + grow);
+    return box;
+}
+
+static int sbi_near_meets(const sbi_pair_box *a, const sbi_pair_box *b, sb_real grow)
+{
+    return a->low.x - b->high.x <= grow && b->low.x - a->high.x <= grow && a->low.y - b->high.y <= grow &&
+           b->low.y - a->high.y <= grow && a->low.z - b->high.z <= grow && b->low.z - a->high.z <= grow;
+}
+
+SBI_API sbi_pair_box sbi_pairs_way_box(const sb_contact *contact, int face)
+{
+    const sbi_pairs_still *still = &contact->pairs.still;
+    return sbi_near_box(contact->faces, face, contact->x, still->velocity, still->dt);
+}
+
+static int sbi_near_is_marked(const uint64_t *marks, int face)
+{
+    return (int)(marks[face / SBI_FACE_TREE_BITS] >> face % SBI_FACE_TREE_BITS & 1);
+}
+
+/* 1 when another face may come within `most` (m) of a face's way, along each axis, and within pairs.reach in all. */
+static int sbi_near_comes(const sb_contact *contact, int face, const sbi_pair_box *own, int other, sb_real most)
+{
+    const sbi_pairs *pairs = &contact->pairs;
+    sbi_pair_box box;
+    if (sbi_near_is_far(contact, face, other, pairs->reach))
+        return 0;
+    if (sbi_near_is_marked(pairs->still.boxed, other))
+        return sbi_near_meets(own, pairs->still.boxes + other, most);
+    box = sbi_pairs_way_box(contact, other);
+    return sbi_near_meets(own, &box, most);
+}
+
+SBI_API int sbi_pairs_comes(const sb_contact *contact, int face, const sbi_pair_box *own, int other)
+{
+    return sbi_near_comes(contact, face, own, other, contact->pairs.reach);
+}
+
 /* What the points of a face lie between: its corners of a flat one; without a corner a disc around its middle. */
 typedef struct sbi_near_shape {
     sbi_pair_plate plate;
@@ -604,7 +682,8 @@ static int sbi_near_may_come(const sb_contact *contact, int face, int other, con
 typedef struct sbi_near_relation {
     const sb_contact *contact;
     int face;
-    sb_real soon, near; /* m: no sample that is held in this step is higher */
+    const sbi_pair_box *way; /* or NULL */
+    sb_real soon, near;      /* m: no sample that is held in this step is higher */
     sbi_near_shape shape;
 } sbi_near_relation;
 
@@ -626,6 +705,25 @@ static int sbi_near_take_disc(const sbi_near_relation *relation, const sbi_near_
     return !(disc->beside > reach * reach);
 }
 
+/* No sample that this one holds where the step begins, or that lies straight behind it, is farther from it (m). */
+static sb_real sbi_near_farthest_held(const sbi_near_relation *relation, int other, const sbi_near_disc *disc,
+                                      sb_real most)
+{
+    const sb_real over = sb_max((sb_real)0, sb_min(disc->high, most)), under = sb_max((sb_real)0, -disc->low);
+    const sb_real lean = SBI_PAIR_LEAN, slant = SBI_PAIR_SLANTED; /* > SBI_PAIR_LEAN_INSIDE */
+    const sb_real away = sb_max(sb_sqrt(1 + lean * lean) * over, sb_sqrt(1 + slant * slant) * under);
+    return SBI_NEAR_LOOSE * (away + 3 * SBI_PAIR_BESIDE * relation->contact->faces->lengths[other]);
+}
+
+/* 1 when a sample may be held, lie behind or come to the other, as far as boxes tell: that of its face's way holds it
+ * where the step begins and all along. */
+static int sbi_near_may_meet(const sbi_near_relation *relation, int other, const sbi_near_disc *disc, sb_real most)
+{
+    const sb_real away = sbi_near_farthest_held(relation, other, disc, most);
+    return !relation->way || sbi_near_comes(relation->contact, relation->face, relation->way, other,
+                                            sb_min(away, relation->contact->pairs.reach));
+}
+
 /* The lists that one of a row is in. In that of holders *highest is what sbi_pairs_highest says. */
 static int sbi_near_relate(const sbi_near_relation *relation, const sbi_near_row *row, int l, int other,
                            sb_real *highest)
@@ -635,7 +733,7 @@ static int sbi_near_relate(const sbi_near_relation *relation, const sbi_near_row
     sb_real reach;
     sbi_near_disc disc;
     int lists = 0;
-    if (!sbi_near_take_disc(relation, row, l, other, most, &disc))
+    if (!sbi_near_take_disc(relation, row, l, other, most, &disc) || !sbi_near_may_meet(relation, other, &disc, most))
         return 0;
     if (sbi_near_may_hold(contact, other, &disc, most)) {
         *highest = sbi_pairs_highest(contact, relation->face, other);
@@ -649,7 +747,8 @@ static int sbi_near_relate(const sbi_near_relation *relation, const sbi_near_row
     return lists;
 }
 
-/* Which of a row may be in a list: what sbi_near_take_disc asks, of bounds that are those of all faces. */
+/* Which of a row may be in a list and touch the face at all: what sbi_near_take_disc, sbi_near_is_far and
+ * sbi_pairs_may_touch ask, of bounds that are those of all faces. */
 static void sbi_near_ask_row(const sbi_near_relation *relation, sbi_near_row *row)
 {
     const sb_contact *contact = relation->contact;
@@ -657,22 +756,27 @@ static void sbi_near_ask_row(const sbi_near_relation *relation, sbi_near_row *ro
         SBI_NEAR_LOOSE * sb_max(sb_min(sbi_near_highest_of_all(contact), relation->soon), relation->near);
     const sb_real rounded = SBI_NEAR_LOOSE * 3 * SBI_PAIR_BESIDE * contact->pairs.longest_face;
     const sb_real bulge = relation->shape.plate.bulge + rounded, radius = relation->shape.plate.radius + rounded;
+    const sb_real far = contact->pairs.reach + relation->near;
     SBI_PAIR_EACH_SIDE(l)
     {
-        const sb_real low = row->low[l] - row->bulge[l] - bulge;
-        const sb_real reach = SBI_NEAR_LOOSE * (radius + row->radius[l] + sb_max(most, -SBI_PAIR_SLANTED * low));
+        const sb_real low = row->low[l] - row->bulge[l] - bulge, wide = radius + row->radius[l];
+        const sb_real reach = SBI_NEAR_LOOSE * (wide + sb_max(most, -SBI_PAIR_SLANTED * low));
+        const sb_real ball_reach = SBI_NEAR_LOOSE * (wide + far);
         const sb_real beside = row->square[l] - row->height[l] * row->height[l];
-        row->off[l] = sb_max(low - most, beside - reach * reach);
+        const sb_real off = sb_max(low - most, beside - reach * reach);
+        row->off[l] = sb_max(sb_max(off, row->square[l] - ball_reach * ball_reach),
+                             row->turn[l] - SBI_NEAR_LOOSE * SBI_NEAR_TURNED);
     }
 }
 
-SBI_API int sbi_pairs_find_related(sb_contact *contact, int face, const int *others, int count)
+SBI_API int sbi_pairs_find_related(sb_contact *contact, int face, const sbi_pair_box *way, const int *others, int count)
 {
     sbi_pairs *pairs = &contact->pairs;
     sbi_near_relation relation;
     int found = 0;
     relation.contact = contact;
     relation.face = face;
+    relation.way = way;
     relation.soon = pairs->distance + pairs->leeway + 2 * pairs->still.ahead;
     relation.near = 6 * pairs->still.ahead;
     sbi_near_take_shape(contact, face, &relation.shape);
@@ -711,6 +815,22 @@ SBI_API sb_real sbi_pairs_between(const sb_contact *contact, int face, int other
            pairs->plates[other].radius;
     most = sb_max(most, sbi_near_off_plane(pairs, face, other, lean));
     return sb_max(most, sbi_near_off_plane(pairs, other, face, lean));
+}
+
+SBI_API int sbi_pairs_is_beyond(const sb_contact *contact, int face, sb_vec3 at, sb_real most)
+{
+    const sbi_pair_plate *plate = contact->pairs.plates + face;
+    const sb_vec3 way = sb_v3_sub(at, plate->middle);
+    const sb_real square = sb_v3_dot(way, way), height = sb_v3_dot(plate->normal, way);
+    const sb_real loose = SBI_NEAR_LOOSE * most, reach = plate->radius + loose;
+    sb_real off, beside;
+    if (square > reach * reach)
+        return 1;
+    off = sb_max((sb_real)0, sb_abs(height) - plate->bulge);
+    if (off > loose)
+        return 1;
+    beside = plate->radius + sb_sqrt(loose * loose - off * off);
+    return square - height * height > beside * beside;
 }
 
 /* 1 when a normal of one may look at one of the other: the least product of numbers in the boxes. */
@@ -760,15 +880,10 @@ static void sbi_near_mark(uint64_t *marks, int face)
     marks[face / SBI_FACE_TREE_BITS] |= (uint64_t)1 << face % SBI_FACE_TREE_BITS;
 }
 
-static int sbi_near_is_marked(const uint64_t *marks, int face)
-{
-    return (int)(marks[face / SBI_FACE_TREE_BITS] >> face % SBI_FACE_TREE_BITS & 1);
-}
-
 /* 1 when a face has to do with another, as far as the walk looks. */
 static int sbi_near_counts(const sbi_near_walk *walk, int face, int other)
 {
-    return walk->kind != SBI_NEAR_PAIRED || sbi_pairs_find_related(walk->contact, face, &other, 1) > 0;
+    return walk->kind != SBI_NEAR_PAIRED || sbi_pairs_find_related(walk->contact, face, NULL, &other, 1) > 0;
 }
 
 /* Two faces whose boxes meet. */
@@ -895,34 +1010,6 @@ SBI_API int sbi_pairs_find_around(sb_contact *contact, int face, sb_real most)
                           sb_v3(at.x + most, at.y + most, at.z + most));
 }
 
-/* A face's way from x to x + dt v. */
-static sbi_pair_box sbi_near_box(const sbi_contact_faces *faces, int face, const sb_vec3 *x, const sb_vec3 *v,
-                                 sb_real dt)
-{
-    const int *nodes = sbi_contact_face_nodes(faces, face);
-    /* a curved face stays within half of its length of its corners' box */
-    const int is_curved = faces->kinds[faces->sizes[face]].corners < faces->sizes[face];
-    const sb_real grow = is_curved ? (sb_real)0.5 * faces->lengths[face] : 0;
-    sb_vec3 low = {SB_REAL_MAX, SB_REAL_MAX, SB_REAL_MAX}, high = {-SB_REAL_MAX, -SB_REAL_MAX, -SB_REAL_MAX};
-    sbi_pair_box box;
-    for (int a = 0; a < faces->sizes[face]; a++) {
-        sb_vec3 at = x[nodes[a]], to = v ? sb_v3_madd(at, dt, v[nodes[a]]) : at;
-        low = sb_v3(sb_min(low.x, sb_min(at.x, to.x)), sb_min(low.y, sb_min(at.y, to.y)),
-                    sb_min(low.z, sb_min(at.z, to.z)));
-        high = sb_v3(sb_max(high.x, sb_max(at.x, to.x)), sb_max(high.y, sb_max(at.y, to.y)),
-                     sb_max(high.z, sb_max(at.z, to.z)));
-    }
-    box.low = sb_v3(low.x - grow, low.y - grow, low.z - grow);
-    box.high = sb_v3(high.x + grow, high.y + grow, high.z + grow);
-    return box;
-}
-
-static int sbi_near_meets(const sbi_pair_box *a, const sbi_pair_box *b, sb_real grow)
-{
-    return a->low.x - b->high.x <= grow && b->low.x - a->high.x <= grow && a->low.y - b->high.y <= grow &&
-           b->low.y - a->high.y <= grow && a->low.z - b->high.z <= grow && b->low.z - a->high.z <= grow;
-}
-
 /* Faces that a box meets which is larger by `grow`, as sbi_near_query. */
 static int sbi_near_query_box(sb_contact *contact, int face, const sbi_pair_box *box, sb_real grow)
 {
@@ -943,12 +1030,6 @@ SBI_API int sbi_pairs_find_others(sb_contact *contact, int face, const sb_vec3 *
     return kept;
 }
 
-SBI_API sbi_pair_box sbi_pairs_way_box(const sb_contact *contact, int face)
-{
-    const sbi_pairs_still *still = &contact->pairs.still;
-    return sbi_near_box(contact->faces, face, contact->x, still->velocity, still->dt);
-}
-
 SBI_API int sbi_pairs_query(sb_contact *contact, int face, sb_real grow)
 {
     sbi_pair_box box = sbi_pairs_way_box(contact, face);
@@ -962,18 +1043,6 @@ SBI_API void sbi_pairs_box_near(sb_contact *contact)
            (size_t)sbi_face_tree_words(contact->faces->face_room) * sizeof(uint64_t));
     for (int face = sbi_pairs_next_near(contact, 0); face >= 0; face = sbi_pairs_next_near(contact, face + 1))
         still->boxes[face] = sbi_pairs_way_box(contact, face);
-}
-
-SBI_API int sbi_pairs_comes(const sb_contact *contact, int face, const sbi_pair_box *own, int other)
-{
-    const sbi_pairs *pairs = &contact->pairs;
-    sbi_pair_box box;
-    if (sbi_near_is_far(contact, face, other, pairs->reach))
-        return 0;
-    if (sbi_near_is_marked(pairs->still.boxed, other))
-        return sbi_near_meets(own, pairs->still.boxes + other, pairs->reach);
-    box = sbi_pairs_way_box(contact, other);
-    return sbi_near_meets(own, &box, pairs->reach);
 }
 
 /* Parts a side: for the finest organ that it may touch, but no finer than half of its own, whose samples are there too.

@@ -156,18 +156,21 @@ typedef struct sbi_pairs_still {
     sb_real gone;            /* m: as far as faces may have gone in all since `near` was made */
     sb_real last;            /* m: in the last step alone */
     sb_real ahead;           /* m: in this step, as it coasts: */
+    sb_real *closed;         /* [organs] m: by how much its points and others' may have come nearer since then in all */
+    sb_real *closing;        /* [organs + 1] m: in the last step alone */
+    sb_real *coasting;       /* [organs + 1] m: in this step, as they coast */
     sb_real dt;              /* s, with: */
     const sb_vec3 *velocity; /* [rows] */
     sb_real farthest;        /* m: nothing that is farther from a face is paired with it in this step */
     uint64_t *near;          /* faces which were then near others */
     uint64_t *boxed;         /* faces with a box: */
     sbi_pair_box *boxes;     /* [faces] their ways in this step, as they coast */
-    sb_real *until;     /* [faces] gone + farthest / 2 (m) up to which no sample has a partner, of those that are not
-                         * thinned */
-    signed char *tired; /* [faces] times that it is not asked for */
-    int *listed;        /* [faces] what is near one as long as `near` is, in `list` from here on; -1: not listed */
-    int *listed_count;  /* [faces] */
-    int *list;          /* [SBI_STILL_LISTED faces] */
+    sb_real *until;          /* [faces] closed + farthest (m) up to which no sample has a partner, of those that are not
+                              * thinned */
+    signed char *tired;      /* [faces] times that it is not asked for */
+    int *listed;             /* [faces] what is near one as long as `near` is, in `list` from here on; -1: not listed */
+    int *listed_count;       /* [faces] */
+    int *list;               /* [SBI_STILL_LISTED faces] */
     int list_count;
 } sbi_pairs_still;
 
@@ -184,12 +187,14 @@ typedef struct sbi_pairs {
     sb_real friction, distance;
 
     /* of the mesh at rest, by face and by node: arrays for the rooms of the faces */
-    int *organs;                   /* of each face */
-    sb_real *thickness;            /* m behind the face's middle, no more than it matters */
-    sb_vec3 *centres;              /* m */
-    sb_vec3 *rest_normals;         /* out of the body */
-    sb_real *organ_lengths;        /* [nodes] mean length of an organ's faces (m) */
-    int *organ_counts;             /* [nodes] */
+    int *organs;            /* of each face */
+    sb_real *thickness;     /* m behind the face's middle, no more than it matters */
+    sb_vec3 *centres;       /* m */
+    sb_vec3 *rest_normals;  /* out of the body */
+    sb_real *organ_lengths; /* [nodes] mean length of an organ's faces (m) */
+    int *organ_counts;      /* [nodes] */
+    int *node_organs;       /* [nodes] of a face's; organ_count: of none, or of faces of several */
+    int organ_count;
     sbi_pair_lips lips;            /* of a skin that touches itself */
     int *first_face, *around;      /* [nodes + 1], faces of each node */
     sb_real longest, shortest;     /* of organ_lengths */

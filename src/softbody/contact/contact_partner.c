@@ -19,15 +19,6 @@ static void sbi_partner_gather(const sb_contact *contact, int face, sb_vec3 *x)
         x[a] = contact->x[nodes[a]];
 }
 
-/* 1 when no point of a face is within `most` (m) of the sample where the step begins. */
-static int sbi_partner_is_far(const sbi_pair_search *search, int other, sb_real most)
-{
-    const sbi_pairs *pairs = &search->contact->pairs;
-    sb_vec3 way = sb_v3_sub(search->at, pairs->plates[other].middle);
-    sb_real reach = pairs->plates[other].radius + most;
-    return sb_v3_dot(way, way) > reach * reach;
-}
-
 /* What the sample is to faces side by side. */
 static void sbi_partner_measure(const sbi_pair_balls *SB_RESTRICT balls, sb_vec3 at, sbi_pair_picks *SB_RESTRICT picks)
 {
@@ -274,7 +265,7 @@ static sb_real sbi_partner_nearest_at_most(const sbi_pair_search *search)
     const sbi_pairs *pairs = &contact->pairs;
     if (search->nearest >= 0)
         return search->nearest_away;
-    if (first < 0 || sbi_partner_is_far(search, first, sbi_partner_farthest(contact, first)))
+    if (first < 0 || sbi_pairs_is_beyond(contact, first, search->at, sbi_partner_farthest(contact, first)))
         return SB_REAL_MAX;
     return sb_v3_norm(sb_v3_sub(search->at, pairs->plates[first].middle)) +
            (pairs->plates[first].bulge > 0 ? pairs->plates[first].radius : 0);
@@ -327,8 +318,8 @@ static int sbi_partner_is_behind_any(const sbi_pair_search *search)
 static sb_real sbi_partner_first_away(const sbi_pair_search *search)
 {
     sbi_partner_look look;
-    if (search->first_place < 0 ||
-        sbi_partner_is_far(search, search->first, sbi_partner_farthest(search->contact, search->first)))
+    if (search->first_place < 0 || sbi_pairs_is_beyond(search->contact, search->first, search->at,
+                                                       sbi_partner_farthest(search->contact, search->first)))
         return SB_REAL_MAX / 4;
     sbi_partner_look_at(search, search->first, &look);
     return look.away;
@@ -342,7 +333,7 @@ static void sbi_partner_find_nearest(sbi_pair_search *search)
     for (int i = 0; i < search->coming_count; i++) {
         const int other = search->coming[i];
         sbi_partner_look look;
-        if (sbi_partner_is_far(search, other, sb_min(most, sbi_partner_farthest(contact, other))) ||
+        if (sbi_pairs_is_beyond(contact, other, search->at, sb_min(most, sbi_partner_farthest(contact, other))) ||
             !sbi_partner_counts(search, other))
             continue;
         sbi_partner_try_nearest(search, other, &look);
@@ -376,7 +367,7 @@ static void sbi_partner_try_around(sbi_pair_search *search)
             sb_vec3 x[SB_MAX_FACE_NODES];
             sbi_closest closest;
             sb_real away;
-            if (pairs->organs[other] != organ || sbi_partner_is_far(search, other, most) ||
+            if (pairs->organs[other] != organ || sbi_pairs_is_beyond(contact, other, search->at, most) ||
                 !sbi_pairs_are_apart(contact, search->face, other))
                 continue;
             sbi_partner_gather(contact, other, x);
@@ -417,7 +408,7 @@ static void sbi_partner_try_way(sbi_pair_search *search, int other)
     const sb_vec3 against = sb_v3_sub(search->way, contact->pairs.ways[other]);
     sb_vec3 x[SB_MAX_FACE_NODES], v[SB_MAX_FACE_NODES];
     const sb_real most = sb_v3_norm(against) + contact->pairs.spreads[other];
-    if (sbi_pairs_is_above(contact, other, search->at, most) || sbi_partner_is_far(search, other, most))
+    if (sbi_pairs_is_above(contact, other, search->at, most) || sbi_pairs_is_beyond(contact, other, search->at, most))
         return;
     sbi_partner_gather(contact, other, x);
     for (int a = 0; a < kind->nodes; a++)
@@ -478,10 +469,12 @@ SBI_API void sbi_pairs_begin_search(sb_contact *contact, const sbi_touch_step *s
     search->first = search->first_place = -1;
     search->box = sbi_pairs_way_box(contact, face);
     search->coming_count = sbi_pairs_find_coming(contact, face, &search->coming);
-    count = sbi_pairs_find_related(contact, face, search->coming, search->coming_count);
-    for (int i = 0; i < count; i++)
-        if (sbi_partner_counts(search, contact->pairs.related[i].other))
+    count = sbi_pairs_find_related(contact, face, &search->box, search->coming, search->coming_count);
+    for (int i = 0; i < count; i++) {
+        const int other = contact->pairs.related[i].other;
+        if (other != face && sbi_pairs_may_touch(contact, face, other))
             sbi_partner_list_face(search, contact->pairs.related + i);
+    }
     search->slips = search->listed > 0 && sbi_pairs_is_inside_out(contact, face);
 }
 

@@ -297,13 +297,16 @@ SBI_API int sbi_pairs_comes(const sb_contact *contact, int face, const sbi_pair_
 SBI_API int sbi_pairs_find_coming(sb_contact *contact, int face, const int **list);
 /* What is within `most` (m) of a face, and more, in pairs.found; returns how many. */
 SBI_API int sbi_pairs_find_around(sb_contact *contact, int face, sb_real most);
+/* 1 when no point of a face is within `most` (m) of a point where the step begins: by its ball and its plane. */
+SBI_API int sbi_pairs_is_beyond(const sb_contact *contact, int face, sb_vec3 at, sb_real most);
 /* Distance (m) that two faces surely keep, as do their middles; lower than 0: they may touch. */
 SBI_API sb_real sbi_pairs_between(const sb_contact *contact, int face, int other);
 /* Deepest overlap with a face at which a point is surely on this side of it (m). */
 SBI_API sb_real sbi_pairs_deepest(const sb_contact *contact, int face);
 /* Of a list of faces those that samples of a face have to do with, where the step begins and on their ways, in
- * pairs.related; returns how many. */
-SBI_API int sbi_pairs_find_related(sb_contact *contact, int face, const int *others, int count);
+ * pairs.related; returns how many. way: the face's box, which they come near as sbi_pairs_comes says, or NULL. */
+SBI_API int sbi_pairs_find_related(sb_contact *contact, int face, const sbi_pair_box *way, const int *others,
+                                   int count);
 
 /* ---- contact_still.c ---- */
 /* Faces near those of other organs where the step begins, or on its way, marked in pairs.near. */
