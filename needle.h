@@ -12147,7 +12147,7 @@ static void ndli_bed_list_cells(ndli_bed *bed, const sb_body *body)
 {
     int count = 0;
     for (int cell = 0; cell < sb_body_element_count(body); cell++)
-        if (sb_body_cell_in_use(body, cell))
+        if (sb_body_cell_in_use(body, cell) && !sbi_body_is_later_part(body, cell))
             bed->cells[count++] = cell;
 }
 
@@ -14080,11 +14080,11 @@ typedef struct ndli_held_tissue {
 static ndli_held_tissue ndli_held_get_tissue(const ndl_needle *needle, int element, const ndli_bed_row *row)
 {
     const ndli_bed *bed = &needle->site->bed;
-    const sb_material *material = sbi_body_cell_material(bed->body, row->cell);
+    sbi_body_modulus modulus = sbi_body_cell_modulus(bed->body, row->cell);
     double radius = ndli_held_spread(bed->mesh.element_type) * ndli_bed_edge(bed, element);
     ndli_held_tissue tissue;
-    tissue.poisson = (double)sb_material_poisson(material);
-    tissue.shear = (double)sb_material_young(material) / (2 * (1 + tissue.poisson));
+    tissue.poisson = modulus.poisson;
+    tissue.shear = modulus.young / (2 * (1 + tissue.poisson));
     tissue.ratio = log(fmax(radius / needle->radius, ndli_held_least_ratio));
     return tissue;
 }
@@ -14158,12 +14158,37 @@ static ndli_v3 ndli_held_tangent(const ndl_rod *rod, int i)
     return ndli_scale(1 / ndli_norm(sum), sum);
 }
 
+static void ndli_held_add_friction(const ndl_friction *friction, double share, ndl_friction *sum)
+{
+    sum->friction += (sb_real)(share * (double)friction->friction);
+    sum->viscous += (sb_real)(share * (double)friction->viscous);
+    sum->cutting += (sb_real)(share * (double)friction->cutting);
+    sum->twist_stiffness += (sb_real)(share * (double)friction->twist_stiffness);
+    sum->twist_friction += (sb_real)(share * (double)friction->twist_friction);
+}
+
+/* What the tissue at a row has, of an element in several regions by their shares of its volume; zeros where it has
+ * none. */
+static ndl_friction ndli_held_friction(const ndl_needle *needle, const ndli_bed_row *row)
+{
+    const sb_body *body = needle->site->body;
+    int parts = row->count ? sbi_body_part_count(body, row->cell) : 0;
+    ndl_friction sum;
+    memset(&sum, 0, sizeof sum);
+    for (int k = 0; k < parts; k++) {
+        const ndl_friction *friction = ndli_needle_friction(needle, sbi_body_cell_region(body, row->cell + k));
+        if (friction)
+            ndli_held_add_friction(friction, sbi_body_part_share(body, row->cell, k), &sum);
+    }
+    return sum;
+}
+
 /* How far the shaft may be ahead of the tissue before it slips (m). */
 static double ndli_held_slack(const ndl_needle *needle, const ndli_held_spot *spot)
 {
-    const ndl_friction *friction = ndli_needle_friction(needle, ndli_bed_region(&needle->site->bed, &spot->row));
+    ndl_friction friction = ndli_held_friction(needle, &spot->row);
     ndli_held_tissue tissue = ndli_held_get_tissue(needle, spot->place.element, &spot->row);
-    return friction ? (double)friction->friction / ndli_held_along(&tissue) : 0;
+    return (double)friction.friction / ndli_held_along(&tissue);
 }
 
 /* How far before the first node the rod goes in (m): as far as that is on the track, and by what a tip is ahead of the
@@ -14286,14 +14311,13 @@ NDLI_API void ndli_held_forget(struct ndli_site *site)
 
 /* ---- what the tissue does to a needle ---- */
 
-static void ndli_held_resist_tip(ndl_needle *needle, const ndli_bed_row *row, const ndl_friction *friction)
+static void ndli_held_resist_tip(ndl_needle *needle, const ndli_bed_row *row, double table)
 {
     ndli_line *line = &needle->line;
     const ndli_bed *bed = &needle->site->bed;
     const ndli_track *track = &needle->track;
     ndli_track_point end = ndli_track_at(track, ndli_track_length(track));
     ndli_v3 ahead = ndli_madd(end.X, 0.2 * needle->site->mean_edge, needle->heading);
-    double table = friction ? (double)friction->cutting : 0;
     ndli_place place;
     int last = ndli_line_foremost(line);
     line->cutting = ndli_needle_cutting_at(needle, ndli_to(end.X), row->count ? ndli_bed_region(bed, row) : -1, table);
@@ -14316,20 +14340,19 @@ NDLI_API void ndli_held_resist(ndl_needle *needle)
         ndl_rod_set_grip(rod, j, 0, 0);
     for (int i = first; i <= last; i++) {
         double length = ndli_held_length(needle, i), edge;
-        const ndl_friction *friction = NULL;
+        ndl_friction friction;
         ndli_held_spot spot;
         ndli_held_make(needle, i, length, &spot);
-        if (spot.row.count)
-            friction = ndli_needle_friction(needle, ndli_bed_region(&needle->site->bed, &spot.row));
-        line->friction[i] = friction ? length * (double)friction->friction : 0;
-        line->viscous[i] = friction ? length * (double)friction->viscous : 0;
+        friction = ndli_held_friction(needle, &spot.row);
+        line->friction[i] = length * (double)friction.friction;
+        line->viscous[i] = length * (double)friction.viscous;
         if (i == last) {
-            ndli_held_resist_tip(needle, &spot.row, friction);
+            ndli_held_resist_tip(needle, &spot.row, (double)friction.cutting);
             continue;
         }
         edge = i < line->first ? needle->entering : ndli_held_edge(rod, i);
-        ndl_rod_set_grip(rod, i, friction ? (sb_real)(edge * (double)friction->twist_stiffness) : 0,
-                         friction ? (sb_real)(edge * (double)friction->twist_friction) : 0);
+        ndl_rod_set_grip(rod, i, (sb_real)(edge * (double)friction.twist_stiffness),
+                         (sb_real)(edge * (double)friction.twist_friction));
     }
 }
 

@@ -11,7 +11,7 @@ static void ndli_bed_list_cells(ndli_bed *bed, const sb_body *body)
 {
     int count = 0;
     for (int cell = 0; cell < sb_body_element_count(body); cell++)
-        if (sb_body_cell_in_use(body, cell))
+        if (sb_body_cell_in_use(body, cell) && !sbi_body_is_later_part(body, cell))
             bed->cells[count++] = cell;
 }
 

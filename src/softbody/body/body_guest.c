@@ -29,12 +29,85 @@ SBI_API sb_mesh sbi_body_shape(const sb_body *body)
     return mesh;
 }
 
-/* Cells in use, in the order of their slots. */
+/* 1: the two cells have the same nodes in the same order. Where the mesh can change they are no parts of a mixture. */
+static int sbi_body_shares_element(const sb_body *body, int a, int b)
+{
+    size_t width = (size_t)body->domain.nodes_per_cell;
+    const int *cells = body->domain.cells;
+    return !body->live && body->domain.element_type != SB_CUSTOM &&
+           memcmp(cells + (size_t)a * width, cells + (size_t)b * width, width * sizeof(int)) == 0;
+}
+
+SBI_API int sbi_body_is_later_part(const sb_body *body, int cell)
+{
+    return cell > 0 && sbi_body_shares_element(body, cell - 1, cell);
+}
+
+SBI_API int sbi_body_part_count(const sb_body *body, int cell)
+{
+    int count = 1;
+    while (cell + count < body->domain.cell_count && sbi_body_shares_element(body, cell, cell + count))
+        count++;
+    return count;
+}
+
+/* Volume that a cell's material stands for (m^3); mean points stand for the same once more. */
+static double sbi_body_cell_weight(const sb_body *body, int cell)
+{
+    const sb_domain *domain = &body->domain;
+    const sb_real *weights = domain->weights + (size_t)cell * (size_t)domain->points_per_cell;
+    double sum = 0;
+    for (int p = 0; p < domain->points_per_cell - domain->mean_points; p++)
+        sum += (double)weights[p];
+    return sum;
+}
+
+SBI_API double sbi_body_part_share(const sb_body *body, int cell, int part)
+{
+    int count = sbi_body_part_count(body, cell);
+    double sum = 0;
+    for (int k = 0; k < count; k++)
+        sum += sbi_body_cell_weight(body, cell + k);
+    return count > 1 && sum > 0 ? sbi_body_cell_weight(body, cell + part) / sum : part == 0;
+}
+
+/* Lame's moduli of parts by their weights. Together these are the element's volume, or less by the mean that was
+ * wanted. */
+static sbi_body_modulus sbi_body_mix_moduli(const sb_body *body, int cell, int count)
+{
+    sb_mesh mesh = sbi_body_mesh(body);
+    double volume = fabs((double)sb_mesh_element_volume(&mesh, cell)), shear = 0, lambda = 0;
+    sbi_body_modulus mixed;
+    for (int k = 0; k < count; k++) {
+        const sb_material *material = sbi_body_cell_material(body, cell + k);
+        double share = sbi_body_cell_weight(body, cell + k) / volume, nu = (double)sb_material_poisson(material);
+        double g = (double)sb_material_young(material) / (2 * (1 + nu));
+        shear += share * g;
+        lambda += share * 2 * g * nu / (1 - 2 * nu);
+    }
+    mixed.poisson = lambda / (2 * (lambda + shear));
+    mixed.young = 2 * (1 + mixed.poisson) * shear;
+    return mixed;
+}
+
+SBI_API sbi_body_modulus sbi_body_cell_modulus(const sb_body *body, int cell)
+{
+    const sb_material *material = sbi_body_cell_material(body, cell);
+    int count = sbi_body_part_count(body, cell);
+    sbi_body_modulus modulus;
+    if (count > 1)
+        return sbi_body_mix_moduli(body, cell, count);
+    modulus.young = (double)sb_material_young(material);
+    modulus.poisson = (double)sb_material_poisson(material);
+    return modulus;
+}
+
+/* Elements in use, in the order of their slots; of parts of one the first. */
 static void sbi_body_copy_cells(const sb_body *body, sb_mesh *mesh)
 {
     size_t width = (size_t)body->domain.nodes_per_cell;
     for (int e = 0; e < body->domain.cell_count; e++)
-        if (sb_body_cell_in_use(body, e))
+        if (sb_body_cell_in_use(body, e) && !sbi_body_is_later_part(body, e))
             memcpy(mesh->elements + (size_t)mesh->element_count++ * width, body->domain.cells + (size_t)e * width,
                    width * sizeof(int));
 }
@@ -116,8 +189,8 @@ SBI_API sb_real sbi_body_young(const sb_body *body)
     double sum = 0;
     int count = 0;
     for (int e = 0; e < body->domain.cell_count; e++)
-        if (sb_body_cell_in_use(body, e)) {
-            sum += (double)sb_material_young(body->materials + body->cell_material[e]);
+        if (sb_body_cell_in_use(body, e) && !sbi_body_is_later_part(body, e)) {
+            sum += sbi_body_cell_modulus(body, e).young;
             count++;
         }
     return (sb_real)(sum / (double)count);

@@ -12,8 +12,8 @@
 /* ---- readings ---- */
 SBI_API sb_mesh sbi_body_mesh(const sb_body *body);  /* at rest; borrowed, free cells among the others */
 SBI_API sb_mesh sbi_body_shape(const sb_body *body); /* as it is now; borrowed, free cells among the others */
-/* A mesh at rest with the body's nodes and its cells in use; free nodes belong to no cell and lie on one that does.
- * Release with sb_mesh_free. SB_ERROR_MEMORY. */
+/* A mesh at rest with the body's nodes and its elements in use, of cells that are parts of one (sb_mixture) the first;
+ * free nodes belong to no cell and lie on one that does. Release with sb_mesh_free. SB_ERROR_MEMORY. */
 SBI_API sb_result sbi_body_copy_mesh(const sb_body *body, const sb_allocator *allocator, sb_mesh *mesh,
                                      sb_error *error);
 /* The same of the mesh before any cut, which `owner` knows (sbi_body_has_uncut), with its nodes as the body has them;
@@ -55,6 +55,17 @@ SBI_API sbi_body_slots sbi_body_node_slots(const sb_body *body);
 SBI_API sbi_body_slots sbi_body_cell_slots(const sb_body *body);
 SBI_API int sbi_body_cell_region(const sb_body *body, int cell);                  /* value in mesh.regions */
 SBI_API const sb_material *sbi_body_cell_material(const sb_body *body, int cell); /* of a cell in use */
+
+/* ---- parts of elements, as an sb_mixture has them: cells side by side with the same nodes ---- */
+/* Young's modulus (Pa) and Poisson's ratio. */
+typedef struct sbi_body_modulus {
+    double young, poisson;
+} sbi_body_modulus;
+SBI_API int sbi_body_is_later_part(const sb_body *body, int cell); /* 1: of an element that the cell before it is of */
+SBI_API int sbi_body_part_count(const sb_body *body, int cell); /* from a first part on; 1: it is all of an element */
+SBI_API double sbi_body_part_share(const sb_body *body, int cell, int part); /* of the element's volume */
+/* Of the element of a first part in use, as its parts have it together. */
+SBI_API sbi_body_modulus sbi_body_cell_modulus(const sb_body *body, int cell);
 
 /* ---- shapes ---- */
 /* Elastic energy (J) of a shape. Returns -1, or the first element that its material does not admit. */

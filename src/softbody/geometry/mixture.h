@@ -25,6 +25,8 @@
  *     def.domain = &mixture.domain;
  * Nodes are those of the mesh, so supports, loads, embedded points and pictures go on with that. Bodies with a domain
  * of their own cannot be cut, nor can their mesh change (sb_body_def.slack).
+ * Needles with NDL_EMBED and registration see each element once. To a needle it has Lame's moduli by the weights of its
+ * parts, and friction, cutting and twist by their shares; membranes lie between elements, by the largest part of each.
  *
  * Which mean. Mixed by volume alone (Voigt) an element is too stiff where the interface lies across the load; with
  * moduli given, geometric or Reuss's means are wanted. What balls, 10 times and 0.2 times as stiff as the block about

@@ -1,4 +1,4 @@
-/* multigrid: levels and the plans of their updates. */
+/* multigrid: levels. */
 #include "multigrid_level.h"
 #include "sparse_live.h"
 
@@ -65,8 +65,7 @@ static int sbi_mg_take_finest(sbi_multigrid *m, sbi_mg_level *level)
 #endif
 }
 
-/* Values and vectors of a level whose counts are set. */
-static int sbi_mg_take_values(sbi_multigrid *m, sbi_mg_level *level)
+SBI_API int sbi_mg_take_values(sbi_multigrid *m, sbi_mg_level *level)
 {
     size_t rows = (size_t)level->row_count;
     int finest = level == m->levels, packed = finest || (m->regions.count == 0 && level->block_count >= SBI_MG_PACKED);
@@ -108,235 +107,6 @@ static int sbi_mg_copy_pattern(sbi_multigrid *m, const sb_matrix *pattern, sbi_m
         m->longest_row = sbi_max_int(m->longest_row, length);
     }
     return sbi_mg_take_values(m, level);
-}
-
-/* Takes over interpolation rows, and lists them from the coarser side, children ascending. */
-static int sbi_mg_take_parents(sbi_multigrid *m, const sbi_mg_rows *rows, sbi_mg_level *level)
-{
-    size_t n = (size_t)level->row_count, coarse = (size_t)rows->coarse_count, entries = (size_t)rows->start[n];
-    level->parent_start = sbi_owned_take_ints(&m->owned, n + 1);
-    level->parents = sbi_owned_take_ints(&m->owned, entries);
-    level->shares = sbi_owned_take_unset_floats(&m->owned, entries, 1);
-    level->child_start = sbi_owned_take_ints(&m->owned, coarse + 2);
-    level->children = sbi_owned_take_ints(&m->owned, entries);
-    level->child_shares = sbi_owned_take_unset_floats(&m->owned, entries, 1);
-    if (!level->parent_start || !level->parents || !level->shares || !level->child_start || !level->children ||
-        !level->child_shares)
-        return 0;
-    memcpy(level->parent_start, rows->start, (n + 1) * sizeof(int));
-    memcpy(level->parents, rows->nodes, entries * sizeof(int));
-    memcpy(level->shares, rows->weights, entries * sizeof(float));
-    memset(level->child_start, 0, (coarse + 2) * sizeof(int));
-    for (size_t e = 0; e < entries; e++)
-        level->child_start[rows->nodes[e] + 2]++;
-    for (size_t a = 0; a < coarse; a++)
-        level->child_start[a + 2] += level->child_start[a + 1];
-    for (int i = 0; i < level->row_count; i++)
-        for (int e = rows->start[i]; e < rows->start[i + 1]; e++) {
-            int place = level->child_start[rows->nodes[e] + 1]++;
-            level->children[place] = i;
-            level->child_shares[place] = rows->weights[e];
-        }
-    return 1;
-}
-
-/* ---- plans --------------------------------------------------------------------------------------------- */
-
-/* Scratch of the plans. */
-typedef struct sbi_mg_planner {
-    const sb_allocator *allocator;
-    int coarse_count;
-    int *place;         /* [coarse_count] of a coarse node in the row at work */
-    int *mixed_columns; /* [mixed_count] coarse node of each block of A P */
-} sbi_mg_planner;
-
-/* Rows of A P: every block of A has a place in its row for each parent of its column. Writes the slots and the columns;
- * returns the number of places. */
-static int sbi_mg_walk_mixed(const sbi_mg_planner *planner, sbi_mg_level *level)
-{
-    int total = 0, slot = 0, *place = planner->place, *slots = level->slots;
-    for (int a = 0; a < planner->coarse_count; a++)
-        place[a] = -1;
-    for (int i = 0; i < level->row_count; i++) {
-        int first = total;
-        level->mixed_start[i] = total;
-        level->slot_start[i] = slot;
-        for (int q = level->row_start[i]; q < level->row_start[i + 1]; q++) {
-            int j = level->columns[q];
-            for (int k = level->parent_start[j]; k < level->parent_start[j + 1]; k++) {
-                int a = level->parents[k];
-                if (place[a] < first) {
-                    planner->mixed_columns[total] = a;
-                    place[a] = total++;
-                }
-                slots[slot++] = place[a];
-            }
-        }
-    }
-    level->mixed_start[level->row_count] = total;
-    return total;
-}
-
-static size_t sbi_mg_count_slots(const sbi_mg_level *level)
-{
-    size_t slots = 0;
-    for (int q = 0; q < level->block_count; q++)
-        slots += (size_t)(level->parent_start[level->columns[q] + 1] - level->parent_start[level->columns[q]]);
-    return slots;
-}
-
-static int sbi_mg_plan_mixed(sbi_multigrid *m, sbi_mg_planner *planner, sbi_mg_level *level)
-{
-    size_t rows = (size_t)level->row_count, slots = sbi_mg_count_slots(level);
-    if (slots >= INT_MAX)
-        return 0;
-    level->mixed_start = sbi_owned_take_ints(&m->owned, rows + 1);
-    level->slot_start = sbi_owned_take_ints(&m->owned, rows + 1);
-    level->slots = sbi_owned_take_ints(&m->owned, slots);
-    planner->mixed_columns = (int *)sbi_alloc(planner->allocator, slots, sizeof(int)); /* places are slots at most */
-    if (!level->mixed_start || !level->slot_start || !level->slots || !planner->mixed_columns)
-        return 0;
-    level->mixed = sbi_owned_take_unset_floats(&m->owned, (size_t)sbi_mg_walk_mixed(planner, level), 9);
-    return level->mixed != NULL;
-}
-
-/* Visits the columns of each row of P^T A P once, the row itself included. Without columns: counts them in fill[row].
- * With columns: appends the row's number to the rows of its columns; the pattern is symmetric, so that these are the
- * rows wanted, ascending. Returns the number of blocks. */
-static size_t sbi_mg_walk_coarse(const sbi_mg_planner *planner, const sbi_mg_level *fine, int *fill, int *columns)
-{
-    size_t total = 0;
-    int *seen = planner->place;
-    for (int a = 0; a < planner->coarse_count; a++)
-        seen[a] = -1;
-    for (int a = 0; a < planner->coarse_count; a++) {
-        size_t before = total;
-        seen[a] = a;
-        total++;
-        if (columns)
-            columns[fill[a]++] = a;
-        for (int c = fine->child_start[a]; c < fine->child_start[a + 1]; c++) {
-            int i = fine->children[c];
-            for (int s = fine->mixed_start[i]; s < fine->mixed_start[i + 1]; s++) {
-                int b = planner->mixed_columns[s];
-                if (seen[b] == a)
-                    continue;
-                seen[b] = a;
-                total++;
-                if (columns)
-                    columns[fill[b]++] = a;
-            }
-        }
-        if (!columns)
-            fill[a] = (int)(total - before);
-    }
-    return total;
-}
-
-static int sbi_mg_plan_coarse(sbi_multigrid *m, const sbi_mg_planner *planner, const sbi_mg_level *fine,
-                              sbi_mg_level *coarse)
-{
-    size_t rows = (size_t)planner->coarse_count, blocks;
-    coarse->row_count = planner->coarse_count;
-    coarse->row_start = sbi_owned_take_ints(&m->owned, rows + 1);
-    coarse->diagonal = sbi_owned_take_ints(&m->owned, rows);
-    if (!coarse->row_start || !coarse->diagonal)
-        return 0;
-    coarse->row_start[0] = 0;
-    blocks = sbi_mg_walk_coarse(planner, fine, coarse->row_start + 1, NULL);
-    if (blocks > INT_MAX)
-        return 0;
-    coarse->block_count = (int)blocks;
-    coarse->columns = sbi_owned_take_ints(&m->owned, blocks);
-    if (!coarse->columns)
-        return 0;
-    for (size_t a = 0; a < rows; a++)
-        coarse->row_start[a + 1] += coarse->row_start[a];
-    memcpy(coarse->diagonal, coarse->row_start, rows * sizeof(int));
-    sbi_mg_walk_coarse(planner, fine, coarse->diagonal, coarse->columns);
-    for (int a = 0; a < coarse->row_count; a++)
-        for (int q = coarse->row_start[a]; q < coarse->row_start[a + 1]; q++)
-            if (coarse->columns[q] == a)
-                coarse->diagonal[a] = q;
-    return sbi_mg_take_values(m, coarse);
-}
-
-/* Visits what is summed up in blocks on and above the diagonal of P^T (A P): counts it in next[block], or lists it
- * there. */
-static void sbi_mg_walk_sums(const sbi_mg_planner *planner, const sbi_mg_level *fine, const sbi_mg_level *coarse,
-                             size_t *next, int lists)
-{
-    int *place = planner->place;
-    for (int a = 0; a < coarse->row_count; a++) {
-        for (int q = coarse->row_start[a]; q < coarse->row_start[a + 1]; q++)
-            place[coarse->columns[q]] = q < coarse->diagonal[a] ? -1 : q;
-        for (int c = fine->child_start[a]; c < fine->child_start[a + 1]; c++) {
-            int i = fine->children[c];
-            for (int s = fine->mixed_start[i]; s < fine->mixed_start[i + 1]; s++) {
-                int q = place[planner->mixed_columns[s]];
-                if (q < 0)
-                    continue;
-                if (lists) {
-                    fine->sum_blocks[next[q]] = s;
-                    fine->sum_shares[next[q]] = fine->child_shares[c];
-                }
-                next[q]++;
-            }
-        }
-    }
-}
-
-/* twins of the blocks below the diagonal: rows are visited in order, and so are the columns of each row's twins. */
-static void sbi_mg_find_twins(const sbi_mg_planner *planner, const sbi_mg_level *coarse, int *twins)
-{
-    int *next = planner->place;
-    memcpy(next, coarse->diagonal, (size_t)coarse->row_count * sizeof(int));
-    for (int a = 0; a < coarse->row_count; a++)
-        for (int q = coarse->row_start[a]; q < coarse->diagonal[a]; q++)
-            twins[q] = ++next[coarse->columns[q]];
-}
-
-/* How P^T (A P) is made of A P. */
-static int sbi_mg_plan_sums(sbi_multigrid *m, const sbi_mg_planner *planner, sbi_mg_level *fine,
-                            const sbi_mg_level *coarse)
-{
-    size_t blocks = (size_t)coarse->block_count,
-           *start = (size_t *)sbi_owned_take(&m->owned, blocks + 2, sizeof(size_t)), total;
-    fine->twins = sbi_owned_take_ints(&m->owned, blocks);
-    if (!start || !fine->twins)
-        return 0;
-    memset(start, 0, (blocks + 2) * sizeof *start);
-    sbi_mg_walk_sums(planner, fine, coarse, start + 2, 0);
-    for (size_t q = 2; q < blocks + 2; q++)
-        start[q] += start[q - 1];
-    total = start[blocks + 1];
-    fine->sum_start = start;
-    fine->sum_blocks = sbi_owned_take_ints(&m->owned, total + SBI_MG_BLOCKS_AHEAD);
-    fine->sum_shares = sbi_owned_take_unset_floats(&m->owned, total, 1);
-    if (!fine->sum_blocks || !fine->sum_shares)
-        return 0;
-    memset(fine->sum_blocks + total, 0, SBI_MG_BLOCKS_AHEAD * sizeof(int));
-    sbi_mg_walk_sums(planner, fine, coarse, start + 1, 1); /* start[q + 1] ends as the end of block q */
-    sbi_mg_find_twins(planner, coarse, fine->twins);
-    return 1;
-}
-
-/* The level below `fine` from interpolation rows. */
-static int sbi_mg_add_level(sbi_multigrid *m, const sbi_mg_rows *rows)
-{
-    sbi_mg_level *fine = m->levels + m->level_count - 1, *coarse = fine + 1;
-    sbi_mg_planner planner;
-    int made;
-    planner.allocator = &m->owned.allocator;
-    planner.coarse_count = rows->coarse_count;
-    planner.mixed_columns = NULL;
-    planner.place = (int *)sbi_alloc(&m->owned.allocator, (size_t)rows->coarse_count, sizeof(int));
-    made = planner.place && sbi_mg_take_parents(m, rows, fine) && sbi_mg_plan_mixed(m, &planner, fine) &&
-           sbi_mg_plan_coarse(m, &planner, fine, coarse) && sbi_mg_plan_sums(m, &planner, fine, coarse);
-    sbi_free(&m->owned.allocator, planner.place);
-    sbi_free(&m->owned.allocator, planner.mixed_columns);
-    m->level_count += made;
-    return made;
 }
 
 /* ---- levels of the user -------------------------------------------------------------------------------- */
@@ -449,14 +219,29 @@ static int sbi_mg_make_regions(sbi_multigrid *m, const sbi_multigrid_setup *setu
     return made;
 }
 
+/* What lattices of later levels like this one want to know of its nodes. 0: no memory. */
+static int sbi_mg_take_places(sbi_multigrid *m, sbi_mg_level *level, const sb_vec3 *positions)
+{
+    size_t rows = (size_t)level->row_count;
+    level->places = (sb_vec3 *)sbi_owned_take(&m->owned, rows, sizeof(sb_vec3));
+    level->spacings = (double *)sbi_owned_take(&m->owned, rows, sizeof(double));
+    if (!level->places || !level->spacings)
+        return 0;
+    memcpy(level->places, positions, rows * sizeof(sb_vec3));
+    return 1;
+}
+
 /* Rows from a lattice; none when that would not be much smaller. Regions reduce a level less, and are given up where
  * they hardly do: they must not keep the coarsest level from being small. */
-static int sbi_mg_lay_lattice(const sbi_multigrid *m, const sb_vec3 *positions, int *labels, sbi_mg_rows *rows)
+static int sbi_mg_lay_lattice(sbi_multigrid *m, const sb_vec3 *positions, const sbi_mg_match *match, int *labels,
+                              sbi_mg_rows *rows)
 {
-    const sbi_mg_level *level = m->levels + m->level_count - 1;
+    sbi_mg_level *level = m->levels + m->level_count - 1;
     sbi_mg_nodes nodes;
     int made = 1, count = level->row_count;
     nodes.level = level;
+    nodes.match = match;
+    nodes.spacings = NULL;
     nodes.positions = positions;
     nodes.regions = &m->regions;
     nodes.labels = labels;
@@ -471,6 +256,9 @@ static int sbi_mg_lay_lattice(const sbi_multigrid *m, const sb_vec3 *positions, 
             return 1;
         nodes.labels = NULL;
     }
+    if (!sbi_mg_take_places(m, level, positions))
+        return 0;
+    nodes.spacings = level->spacings;
     made = sbi_mg_lattice(&nodes, SBI_MG_RATIO, SBI_MG_RATIO, &m->owned.allocator, rows);
     if (made && rows->coarse_count > count / 2)
         sbi_mg_rows_free(&m->owned.allocator, rows);
@@ -479,8 +267,8 @@ static int sbi_mg_lay_lattice(const sbi_multigrid *m, const sb_vec3 *positions, 
 
 /* Rows from the last level to the next: the user's, or from a lattice; none (rows->start NULL) when that would not be
  * much smaller. `last` are those that made the last level, or zero. */
-static sb_result sbi_mg_make_rows(const sbi_multigrid *m, const sbi_multigrid_setup *setup, const sbi_mg_rows *last,
-                                  sbi_mg_rows *rows, sb_error *error)
+static sb_result sbi_mg_make_rows(sbi_multigrid *m, const sbi_multigrid_setup *setup, const sbi_mg_rows *last,
+                                  const sbi_mg_match *match, sbi_mg_rows *rows, sb_error *error)
 {
     const sbi_mg_level *level = m->levels + m->level_count - 1;
     int own = m->level_count - 1, made;
@@ -495,7 +283,7 @@ static sb_result sbi_mg_make_rows(const sbi_multigrid *m, const sbi_multigrid_se
     } else {
         if (own > 0 && level->row_count <= m->small)
             return SB_OK;
-        made = sbi_mg_lay_lattice(m, last->positions ? last->positions : setup->positions, last->labels, rows);
+        made = sbi_mg_lay_lattice(m, last->positions ? last->positions : setup->positions, match, last->labels, rows);
     }
     return made ? SB_OK : sbi_mg_no_memory(m, error);
 }
@@ -518,6 +306,7 @@ static int sbi_mg_keep_positions(sbi_multigrid *m, const sbi_multigrid_setup *se
 static sb_result sbi_mg_coarsen(sbi_multigrid *m, const sbi_multigrid_setup *setup, sb_error *error)
 {
     sbi_mg_rows rows, last;
+    sbi_mg_match match;
     sb_result result = SB_OK;
     memset(&last, 0, sizeof last);
     if (m->regions.count) {
@@ -526,9 +315,11 @@ static sb_result sbi_mg_coarsen(sbi_multigrid *m, const sbi_multigrid_setup *set
             return sbi_mg_no_memory(m, error);
         memcpy(last.labels, m->regions.of, (size_t)m->regions.row_count * sizeof(int));
     }
+    if (!sbi_mg_match_finest(m, setup->like, &match))
+        result = sbi_mg_no_memory(m, error);
     while (result == SB_OK && m->level_count < SBI_MG_MAX_LEVELS) {
         int dear = 0;
-        result = sbi_mg_make_rows(m, setup, &last, &rows, error);
+        result = sbi_mg_make_rows(m, setup, &last, &match, &rows, error);
         if (result == SB_OK && !rows.start && !sbi_mg_weigh_coarsest(m, &dear))
             result = sbi_mg_no_memory(m, error);
         if (dear)
@@ -537,10 +328,11 @@ static sb_result sbi_mg_coarsen(sbi_multigrid *m, const sbi_multigrid_setup *set
             break;
         sbi_mg_rows_free(&m->owned.allocator, &last);
         last = rows;
-        if (!sbi_mg_add_level(m, &rows) || !sbi_mg_keep_positions(m, setup, &rows))
+        if (!sbi_mg_add_level(m, &rows, &match) || !sbi_mg_keep_positions(m, setup, &rows))
             result = sbi_mg_no_memory(m, error);
     }
     sbi_mg_rows_free(&m->owned.allocator, &last);
+    sbi_mg_free_match(&m->owned.allocator, &match);
     return result;
 }
 

@@ -129,11 +129,11 @@ static sbi_mg_mixer sbi_mg_begin_mixing(const sbi_mg_level *level, int i)
 {
     int first = level->mixed_start[i], count = level->mixed_start[i + 1] - first;
     sbi_mg_mixer mixer;
-    memset(level->mixed + 9 * (size_t)first, 0, 9 * (size_t)count * sizeof(float));
+    mixer.mixed = level->mixed + 9 * (size_t)first;
+    memset(mixer.mixed, 0, 9 * (size_t)count * sizeof(float));
     mixer.parent_start = level->parent_start;
     mixer.shares = level->shares;
     mixer.slot = level->slots + level->slot_start[i];
-    mixer.mixed = level->mixed;
     return mixer;
 }
 

@@ -175,17 +175,22 @@ static void sbi_cubes_forget(sbi_cubes_table *table)
     table->count = 0;
 }
 
-/* 1: no more than `most` points are in use. */
-static int sbi_cubes_fits(const sbi_cubes *lattices, const sbi_mg_nodes *nodes, int most, sbi_cubes_table *table)
+/* 1: no more than `most` points are in use by the places. */
+static int sbi_cubes_fits(const sbi_cubes_place *places, int row_count, int most, sbi_cubes_table *table)
 {
     sbi_cubes_forget(table);
-    for (int i = 0; i < nodes->level->row_count && table->count <= most; i++) {
-        const sbi_cubes *lattice = lattices + (nodes->labels ? nodes->labels[i] : 0);
-        sbi_cubes_place place = sbi_cubes_find(lattice, nodes->positions[i]);
-        for (int k = 0; k < place.count; k++)
-            sbi_cubes_number(table, place.points[k]);
-    }
+    for (int i = 0; i < row_count && table->count <= most; i++)
+        for (int k = 0; k < places[i].count; k++)
+            sbi_cubes_number(table, places[i].points[k]);
     return table->count <= most;
+}
+
+/* Cells of the edges that are set, and where the nodes lie in them. */
+static void sbi_cubes_lay(sbi_cubes *lattices, int lattice_count, const sbi_mg_nodes *nodes, sbi_cubes_place *places)
+{
+    sbi_cubes_cut(lattices, lattice_count);
+    for (int i = 0; i < nodes->level->row_count; i++)
+        places[i] = sbi_cubes_find(lattices + (nodes->labels ? nodes->labels[i] : 0), nodes->positions[i]);
 }
 
 /* Keeps the `limit` smallest of the numbers given, ascending; returns their count. */
@@ -220,6 +225,30 @@ static double sbi_cubes_node_spacing(const sbi_mg_nodes *nodes, int row)
     return count ? sum / count : 0;
 }
 
+/* Marks nodes whose spacing is the one before: the row has the columns it had, and these lie where they lay. */
+static void sbi_cubes_mark_kept(const sbi_mg_nodes *nodes, unsigned char *kept)
+{
+    const sbi_mg_level *level = nodes->level, *old = nodes->match->old;
+    memset(kept, 0, (size_t)level->row_count);
+    if (!old || !old->spacings)
+        return;
+    memcpy(kept, nodes->match->same, (size_t)level->row_count);
+    for (int i = 0; i < level->row_count; i++) {
+        int was = nodes->match->was[i];
+        if (was >= 0 && memcmp(nodes->positions + i, old->places + was, sizeof *old->places) == 0)
+            continue;
+        for (int q = level->row_start[i]; q < level->row_start[i + 1]; q++)
+            kept[level->columns[q]] = 0; /* the pattern is symmetric */
+    }
+}
+
+static void sbi_cubes_list_spacings(const sbi_mg_nodes *nodes, unsigned char *kept, double *spacings)
+{
+    sbi_cubes_mark_kept(nodes, kept);
+    for (int i = 0; i < nodes->level->row_count; i++)
+        spacings[i] = kept[i] ? nodes->match->old->spacings[nodes->match->was[i]] : sbi_cubes_node_spacing(nodes, i);
+}
+
 /* 1: the node is coupled with a softer region. */
 static int sbi_cubes_is_on_jump(const sbi_mg_nodes *nodes, int row)
 {
@@ -240,13 +269,13 @@ typedef struct sbi_cubes_measure {
 
 /* Edges of about `ratio` times the mean spacing of a region's nodes. Cells larger than the thickness of a stiff sheet
  * or rod resist its bending far too much, the more so the larger they are: such regions take smaller steps. */
-static void sbi_cubes_set_edges(const sbi_mg_nodes *nodes, double ratio, double thin_ratio, sbi_cubes_measure *measures,
-                                sbi_cubes *lattices, int lattice_count)
+static void sbi_cubes_set_edges(const sbi_mg_nodes *nodes, const double *spacings, double ratio, double thin_ratio,
+                                sbi_cubes_measure *measures, sbi_cubes *lattices, int lattice_count)
 {
     memset(measures, 0, (size_t)lattice_count * sizeof *measures);
     for (int i = 0; i < nodes->level->row_count; i++) {
         sbi_cubes_measure *measure = measures + (nodes->labels ? nodes->labels[i] : 0);
-        measure->spacing += sbi_cubes_node_spacing(nodes, i);
+        measure->spacing += spacings[i];
         measure->count++;
         measure->on_jump += nodes->labels && sbi_cubes_is_on_jump(nodes, i);
     }
@@ -257,9 +286,10 @@ static void sbi_cubes_set_edges(const sbi_mg_nodes *nodes, double ratio, double 
     }
 }
 
-/* Cells of the edges that are set, or larger ones as long as more than `most` points were in use; one cell at least. */
+/* Cells of the edges that are set, or larger ones as long as more than `most` points were in use; one cell at least.
+ * Writes where the nodes lie in them. */
 static void sbi_cubes_choose(sbi_cubes *lattices, int lattice_count, double largest, const sbi_mg_nodes *nodes,
-                             int most, sbi_cubes_table *table)
+                             int most, sbi_cubes_table *table, sbi_cubes_place *places)
 {
     double least = largest;
     for (int l = 0; l < lattice_count; l++) {
@@ -267,15 +297,15 @@ static void sbi_cubes_choose(sbi_cubes *lattices, int lattice_count, double larg
         least = lattices[l].edge < least ? lattices[l].edge : least;
     }
     for (; least < largest; least *= 1.25) {
-        sbi_cubes_cut(lattices, lattice_count);
-        if (sbi_cubes_fits(lattices, nodes, most, table))
+        sbi_cubes_lay(lattices, lattice_count, nodes, places);
+        if (sbi_cubes_fits(places, nodes->level->row_count, most, table))
             return;
         for (int l = 0; l < lattice_count; l++)
             lattices[l].edge *= 1.25;
     }
     for (int l = 0; l < lattice_count; l++)
         lattices[l].edge = largest;
-    sbi_cubes_cut(lattices, lattice_count);
+    sbi_cubes_lay(lattices, lattice_count, nodes, places);
 }
 
 /* ---- rows ---------------------------------------------------------------------------------------------- */
@@ -286,6 +316,9 @@ typedef struct sbi_cubes_maker {
     sbi_cubes *lattices; /* [lattice_count] by region */
     int lattice_count;
     sbi_cubes_table table;
+    sbi_cubes_place *places; /* [rows] */
+    double *spacings;        /* [rows] mean distances to the nearest nodes (m) */
+    unsigned char *kept;     /* [rows] scratch */
     int point_count;
     int64_t *points; /* [point_count] */
     int *list_start; /* [point_count + 1] into list: the entries of the rows by point */
@@ -312,12 +345,12 @@ static void sbi_cubes_fill(sbi_cubes_maker *m, sbi_mg_rows *rows)
     int entries = 0;
     sbi_cubes_forget(&m->table);
     for (int i = 0; i < m->level->row_count; i++) {
-        sbi_cubes_place place = sbi_cubes_find(sbi_cubes_of(m, i), m->nodes->positions[i]);
+        const sbi_cubes_place *place = m->places + i;
         rows->start[i] = entries;
-        for (int k = 0; k < place.count && !sbi_cubes_is_alone(m->level, i); k++, entries++) {
-            rows->nodes[entries] = sbi_cubes_number(&m->table, place.points[k]);
-            rows->weights[entries] = (float)place.weights[k];
-            m->points[rows->nodes[entries]] = place.points[k];
+        for (int k = 0; k < place->count && !sbi_cubes_is_alone(m->level, i); k++, entries++) {
+            rows->nodes[entries] = sbi_cubes_number(&m->table, place->points[k]);
+            rows->weights[entries] = (float)place->weights[k];
+            m->points[rows->nodes[entries]] = place->points[k];
             m->owner[entries] = i;
             m->number[entries] = -1;
         }
@@ -341,14 +374,15 @@ static void sbi_cubes_sort(sbi_cubes_maker *m, const sbi_mg_rows *rows, int entr
     m->list_start[0] = 0;
 }
 
-/* Gives the entries of a point that can be reached from entry e, node by node of the point's own, one number. */
-static void sbi_cubes_spread(sbi_cubes_maker *m, int point, int e, int number)
+/* Gives the entries of a point that can be reached from entry e, node by node of the point's own, one number. `left`
+ * entries have none yet; returns how many have none then. */
+static int sbi_cubes_spread(sbi_cubes_maker *m, int point, int e, int number, int left)
 {
     const sbi_mg_level *level = m->level;
     int count = 0;
     m->number[e] = number;
     m->queue[count++] = m->owner[e];
-    for (int head = 0; head < count; head++) {
+    for (int head = 0; head < count && count < left; head++) {
         int i = m->queue[head];
         for (int q = level->row_start[i]; q < level->row_start[i + 1]; q++) {
             int j = level->columns[q], other = m->entry_of[j];
@@ -359,21 +393,57 @@ static void sbi_cubes_spread(sbi_cubes_maker *m, int point, int e, int number)
             m->queue[count++] = j;
         }
     }
+    return left - count;
+}
+
+/* 1: the point's nodes were all the children of one coarse node before, and are coupled as they were. So they still
+ * hang together, and no others lie there. */
+static int sbi_cubes_was_one(const sbi_cubes_maker *m, const sbi_mg_rows *rows, int point)
+{
+    const sbi_mg_match *match = m->nodes->match;
+    const sbi_mg_level *old = match->old;
+    int first = m->list_start[point], last = m->list_start[point + 1], node = -1;
+    if (!old || !old->parents)
+        return 0;
+    for (int s = first; s < last; s++) {
+        int e = m->list[s], i = m->owner[e], parent;
+        if (!match->same[i])
+            return 0;
+        parent = old->parent_start[match->was[i]] + e - rows->start[i];
+        if (parent >= old->parent_start[match->was[i] + 1] || (node >= 0 && old->parents[parent] != node))
+            return 0;
+        node = old->parents[parent];
+    }
+    return old->child_start[node + 1] - old->child_start[node] == last - first;
+}
+
+/* Numbers the entries of a point; returns the number after the last. */
+static int sbi_cubes_split_point(sbi_cubes_maker *m, int point, int number)
+{
+    int first = m->list_start[point], last = m->list_start[point + 1], left = last - first;
+    for (int s = first; s < last; s++)
+        m->entry_of[m->owner[m->list[s]]] = s;
+    for (int s = first; s < last && left > 0; s++)
+        if (m->number[m->list[s]] < 0)
+            left = sbi_cubes_spread(m, point, m->list[s], number++, left);
+    return number;
 }
 
 /* Points whose nodes do not hang together (of parts, or of two lobes with a gap between them) become several coarse
  * nodes in the same place: a coarse motion never reaches across a gap. Returns the number of coarse nodes. */
-static int sbi_cubes_split(sbi_cubes_maker *m)
+static int sbi_cubes_split(sbi_cubes_maker *m, const sbi_mg_rows *rows)
 {
     int count = 0;
     for (int i = 0; i < m->level->row_count; i++)
         m->entry_of[i] = -1;
     for (int p = 0; p < m->point_count; p++) {
+        if (!sbi_cubes_was_one(m, rows, p)) {
+            count = sbi_cubes_split_point(m, p, count);
+            continue;
+        }
         for (int s = m->list_start[p]; s < m->list_start[p + 1]; s++)
-            m->entry_of[m->owner[m->list[s]]] = s;
-        for (int s = m->list_start[p]; s < m->list_start[p + 1]; s++)
-            if (m->number[m->list[s]] < 0)
-                sbi_cubes_spread(m, p, m->list[s], count++);
+            m->number[m->list[s]] = count;
+        count++;
     }
     return count;
 }
@@ -420,7 +490,7 @@ static int sbi_cubes_make_rows(sbi_cubes_maker *m, const sb_allocator *allocator
     sbi_cubes_fill(m, rows);
     entries = rows->start[m->level->row_count];
     sbi_cubes_sort(m, rows, entries);
-    rows->coarse_count = sbi_cubes_split(m);
+    rows->coarse_count = sbi_cubes_split(m, rows);
     rows->positions = (sb_vec3 *)sbi_alloc(allocator, (size_t)rows->coarse_count, sizeof(sb_vec3));
     if (m->nodes->labels)
         rows->labels = (int *)sbi_alloc(allocator, (size_t)rows->coarse_count, sizeof(int));
@@ -444,18 +514,23 @@ SBI_API void sbi_mg_rows_free(const sb_allocator *allocator, sbi_mg_rows *rows)
 
 static int sbi_cubes_take_scratch(sbi_cubes_maker *m, const sb_allocator *allocator, sbi_cubes_measure **measures)
 {
-    size_t places = 64, lattices;
+    size_t places = 64, lattices, rows = (size_t)m->level->row_count;
     m->lattice_count = m->nodes->labels ? m->nodes->regions->count : 1;
     lattices = (size_t)m->lattice_count;
     /* twice the points that can come: half of the rows and some, or the corners of one cell of each region */
-    while (places < (size_t)m->level->row_count + 16 * lattices + 64)
+    while (places < rows + 16 * lattices + 64)
         places *= 2;
     m->table.mask = places - 1;
+    m->places = (sbi_cubes_place *)sbi_alloc(allocator, rows, sizeof *m->places);
+    m->kept = (unsigned char *)sbi_alloc(allocator, rows, 1);
+    m->spacings = m->nodes->spacings;
+    if (!m->spacings)
+        m->spacings = (double *)sbi_alloc(allocator, rows, sizeof(double));
     m->table.points = (int64_t *)sbi_alloc(allocator, places, sizeof(int64_t));
     m->table.numbers = (int *)sbi_alloc(allocator, places, sizeof(int));
     m->lattices = (sbi_cubes *)sbi_alloc_zeroed(allocator, lattices, sizeof(sbi_cubes));
     *measures = (sbi_cubes_measure *)sbi_alloc(allocator, lattices, sizeof **measures);
-    return m->table.points && m->table.numbers && m->lattices && *measures;
+    return m->places && m->kept && m->spacings && m->table.points && m->table.numbers && m->lattices && *measures;
 }
 
 SBI_API int sbi_mg_lattice(const sbi_mg_nodes *nodes, double ratio, double thin_ratio, const sb_allocator *allocator,
@@ -472,10 +547,16 @@ SBI_API int sbi_mg_lattice(const sbi_mg_nodes *nodes, double ratio, double thin_
     made = sbi_cubes_take_scratch(&m, allocator, &measures);
     if (made) {
         largest = sbi_cubes_bound(nodes, m.lattices, m.lattice_count);
-        sbi_cubes_set_edges(nodes, ratio, thin_ratio, measures, m.lattices, m.lattice_count);
-        sbi_cubes_choose(m.lattices, m.lattice_count, largest, nodes, nodes->labels ? count / 2 : count / 4, &m.table);
+        sbi_cubes_list_spacings(nodes, m.kept, m.spacings);
+        sbi_cubes_set_edges(nodes, m.spacings, ratio, thin_ratio, measures, m.lattices, m.lattice_count);
+        sbi_cubes_choose(m.lattices, m.lattice_count, largest, nodes, nodes->labels ? count / 2 : count / 4, &m.table,
+                         m.places);
         made = sbi_cubes_make_rows(&m, allocator, rows);
     }
+    if (!nodes->spacings)
+        sbi_free(allocator, m.spacings);
+    sbi_free(allocator, m.places);
+    sbi_free(allocator, m.kept);
     sbi_free(allocator, m.table.points);
     sbi_free(allocator, m.table.numbers);
     sbi_free(allocator, m.lattices);

@@ -45,7 +45,9 @@ enum {
  * rounding is symmetric and leaves the cycle positive definite; coarser levels are made from A as it was before. */
 typedef struct sbi_mg_level {
     int row_count, block_count;
-    sb_vec3 *positions;       /* [row_count] (m) of a level of the user's, otherwise NULL */
+    sb_vec3 *positions; /* [row_count] (m) of a level of the user's, otherwise NULL */
+    sb_vec3 *places;    /* [row_count] (m) where a lattice without regions is laid over the nodes, otherwise NULL: */
+    double *spacings;   /* [row_count] (m) and their mean distances to the nearest ones, for levels made later */
     int *row_start, *columns; /* the pattern: columns ascend in each row */
     int *diagonal;            /* [row_count] */
     float *blocks;            /* [block_count][9], but for level 0 */
@@ -69,10 +71,11 @@ typedef struct sbi_mg_level {
     float *shares;               /* weights of the parents */
     int *child_start, *children; /* the same from the coarser level's side: [its rows + 1] */
     float *child_shares;
-    int *mixed_start; /* [row_count + 1] into mixed: blocks of A P, row by row */
-    int *slots;       /* for each block of A and each parent of its column: where A P takes it in its row */
-    int *slot_start;  /* [row_count + 1] */
-    float *mixed;     /* [mixed_count][9] */
+    int *mixed_start;   /* [row_count + 1] into mixed: blocks of A P, row by row */
+    int *slots;         /* for each block of A and each parent of its column: which block of its row of A P takes it */
+    int *slot_start;    /* [row_count + 1] */
+    int *mixed_columns; /* [mixed_count] the coarser level's node of each, */
+    float *mixed;       /* [mixed_count][9] and its values */
     /* Block q of P^T (A P) on and above the diagonal is the sum of shares times blocks of A P, sum_start[q] and on; one
      * below it is the transpose of block twins[q]. */
     size_t *sum_start; /* [coarser blocks + 1] */
@@ -190,15 +193,46 @@ typedef struct sbi_mg_rows {
     int *labels;        /* [coarse_count] region of each, or NULL */
 } sbi_mg_rows;
 
+SBI_API void sbi_mg_rows_free(const sb_allocator *allocator, sbi_mg_rows *rows);
+
+/* ---- multigrid_match ---- */
+
+/* What a level has in common with the same level of a multigrid made before; all zeros: nothing. */
+typedef struct sbi_mg_match {
+    const sbi_mg_level *old; /* that level */
+    int *was;                /* [rows] which of its rows each row was, or -1; no two were the same one */
+    unsigned char *same;     /* [rows] 1: the row's columns are those that it had, in the order they had */
+} sbi_mg_match;
+
+/* For a level of so many rows: none was one before. 0: no memory, and the match is empty. */
+SBI_API int sbi_mg_begin_match(const sbi_mg_level *old, int row_count, const sb_allocator *allocator,
+                               sbi_mg_match *match);
+SBI_API void sbi_mg_free_match(const sb_allocator *allocator, sbi_mg_match *match);
+/* Sets `same` when `was` is there. */
+SBI_API void sbi_mg_match_columns(const sbi_mg_level *level, sbi_mg_match *match);
+/* Of the finest level, whose nodes have the numbers they had; empty without `like`. 0: no memory. */
+SBI_API int sbi_mg_match_finest(const sbi_multigrid *m, const sbi_multigrid *like, sbi_mg_match *match);
+
+/* ---- multigrid_plan ---- */
+
+/* Values and vectors of a level whose counts are set. 0: no memory. */
+SBI_API int sbi_mg_take_values(sbi_multigrid *m, sbi_mg_level *level);
+/* The level below the last one from interpolation rows, and all plans between the two. What `match` says the last one
+ * has in common with one before is taken over from there; it is of the new level then. 0: no memory. */
+SBI_API int sbi_mg_add_level(sbi_multigrid *m, const sbi_mg_rows *rows, sbi_mg_match *match);
+
+/* ---- multigrid_lattice ---- */
+
 /* What a lattice is laid over. */
 typedef struct sbi_mg_nodes {
     const sbi_mg_level *level;
+    const sbi_mg_match *match;     /* of the level */
+    double *spacings;              /* [rows] or NULL: gets what the level keeps of this name */
     const sb_vec3 *positions;      /* [rows] (m) */
     const sbi_mg_regions *regions; /* read where there are labels */
     const int *labels;             /* [rows] region of each, or NULL: all are one */
 } sbi_mg_nodes;
 
-SBI_API void sbi_mg_rows_free(const sb_allocator *allocator, sbi_mg_rows *rows);
 /* Interpolation from a lattice of tets laid over the nodes, one for each region, with edges about `ratio` times as long
  * as theirs; `thin_ratio` for stiff regions that are hardly more than their surface. 0: no memory. */
 SBI_API int sbi_mg_lattice(const sbi_mg_nodes *nodes, double ratio, double thin_ratio, const sb_allocator *allocator,
