@@ -1,6 +1,7 @@
 /* needle_prostate: a flexible needle goes into a prostate phantom, is turned, goes on, and is drawn out again.
  *
- *     needle_prostate [--mesh FILE | --anatomy] [--tip bevel|symmetric] [--seconds S] [--csv FILE] [-o PREFIX]
+ *     needle_prostate [--mesh FILE | --anatomy [--lesion]] [--tip bevel|symmetric] [--seconds S] [--csv FILE] [-o
+ * PREFIX]
  *
  * The needle is fed at 1 cm/s through a template that stands before the block; steps of 20 ms. A bevelled tip curves
  * upwards until the base is turned by half a turn, then downwards. Written are PREFIX_0000.vtk and so on (tissue),
@@ -32,7 +33,7 @@ static const double STEP = 0.02, SPEED = 0.01, BEVEL = 7; /* s, m/s, 1/m */
 typedef struct settings {
     const char *mesh, *tip, *csv, *prefix;
     double seconds;
-    int anatomy, help;
+    int anatomy, lesion, help;
 } settings;
 
 /* Curves of the chart: one value per step each. */
@@ -100,11 +101,21 @@ static int make_mesh(work *w)
                                          : phantom_make_mesh(&w->body.mesh, &error);
     if (result == SB_OK)
         result = phantom_survey(&w->body, &error);
+    if (result == SB_OK && w->set->lesion)
+        result = phantom_add_lesion(&w->body, &error);
     if (result == SB_OK)
         return 0;
     if (w->set->mesh && !error.file[0])
         snprintf(error.file, sizeof error.file, "%.200s", w->set->mesh);
     return complain(&error);
+}
+
+static int count_lesion(const phantom *p)
+{
+    int count = 0;
+    for (int k = 0; k < p->lesion.body_mesh.element_count; k++)
+        count += p->lesion.body_mesh.regions[k] == PHANTOM_LESION;
+    return count;
 }
 
 static int make_scene(work *w)
@@ -123,6 +134,8 @@ static int make_scene(work *w)
            w->body.mesh.element_count, 1e3 * (double)(w->body.high.x - w->body.low.x),
            1e3 * (double)(w->body.high.y - w->body.low.y), 1e3 * (double)(w->body.high.z - w->body.low.z),
            w->body.prostate >= 0 ? ", with a prostate" : "");
+    if (w->body.has_lesion)
+        printf("lesion         in %d tets, %d of them mixed\n", count_lesion(&w->body), w->body.lesion.mixed_count);
     return 0;
 }
 
@@ -187,13 +200,23 @@ static void deform_copy(const sb_body *body, const int *number, tissue_copy *cop
         }
 }
 
+/* The body's mesh; of one with a lesion, whose elements it has once for each region, that from which it was made. */
+static sb_result copy_mesh(const work *w, sb_mesh *mesh, int *number)
+{
+    if (!w->body.has_lesion)
+        return sb_body_get_mesh(w->body.tissue, NULL, mesh, number, NULL, NULL);
+    for (int i = 0; i < sb_body_node_count(w->body.tissue); i++)
+        number[i] = i;
+    return sb_mesh_copy(&w->body.mesh, NULL, mesh, NULL);
+}
+
 /* 0: no memory; then nothing is to be released. */
 static int copy_tissue(const work *w, tissue_copy *copy)
 {
     const sb_body *body = w->body.tissue;
     int *number = (int *)malloc((size_t)sb_body_node_count(body) * sizeof *number), good;
     memset(copy, 0, sizeof *copy);
-    good = number && sb_body_get_mesh(body, NULL, &copy->mesh, number, NULL, NULL) == SB_OK;
+    good = number && copy_mesh(w, &copy->mesh, number) == SB_OK;
     if (good) {
         copy->displacement = (sb_vec3 *)malloc((size_t)copy->mesh.node_count * sizeof *copy->displacement);
         copy->quality = (sb_real *)malloc((size_t)copy->mesh.element_count * sizeof *copy->quality);
@@ -416,6 +439,21 @@ static int draw_picture(work *w)
 
 /* ---- the run --------------------------------------------------------------------------------------------------- */
 
+/* Worst quality of the tets in the material, and their angles (degrees). */
+static void look_at_mesh(const work *w, sb_real *quality, sb_real *smallest, sb_real *largest)
+{
+    const ndl_remesh *remesh = ndl_needle_remesh(w->body.needle);
+    if (remesh) {
+        ndl_remesh_quality(remesh, quality, smallest, largest);
+        return;
+    }
+    *quality = 1;
+    for (int e = 0; e < w->body.mesh.element_count; e++)
+        *quality = REAL(fmin((double)*quality, (double)sb_mesh_element_quality(&w->body.mesh, e)));
+    *quality = REAL(pow((double)*quality, 1.5)); /* as in copies */
+    sb_mesh_dihedral_range(&w->body.mesh, smallest, largest);
+}
+
 static void note_step(work *w, const ndl_step_info *info)
 {
     const ndl_needle *needle = w->body.needle;
@@ -423,7 +461,7 @@ static void note_step(work *w, const ndl_step_info *info)
     sb_real quality, smallest, largest;
     double values[CURVES];
     ndl_needle_base_wrench(needle, &force, &torque);
-    ndl_remesh_quality(ndl_needle_remesh(needle), &quality, &smallest, &largest);
+    look_at_mesh(w, &quality, &smallest, &largest);
     values[TIME] = (w->done + 1) * STEP;
     values[TIP_X] = 1e3 * (double)tip.x;
     values[TIP_Y] = 1e3 * (double)(tip.y - w->body.target.y);
@@ -498,6 +536,7 @@ static int compare_numbers(const void *a, const void *b)
 static int print_summary(work *w)
 {
     double *ms = w->curves[MILLISECONDS];
+    const ndl_remesh *remesh = ndl_needle_remesh(w->body.needle);
     qsort(ms, (size_t)w->done, sizeof *ms, compare_numbers);
     printf("written        %s_0000.vtk to _%04d.vtk and %s_needle_...; ParaView opens %s.vtk.series\n", w->set->prefix,
            w->frames - 1, w->set->prefix, w->set->prefix);
@@ -507,7 +546,9 @@ static int print_summary(work *w)
                 w->blocked);
     printf("steps=%d median_ms=%.3f p99_ms=%.3f consistent=%.2f%% quality=%.4f topology=%s\n", w->done, ms[w->done / 2],
            ms[w->done * 99 / 100], 100.0 * w->consistent / w->done, w->worst_quality,
-           ndl_remesh_is_original(ndl_needle_remesh(w->body.needle)) ? "restored" : "changed");
+           !remesh                          ? "kept"
+           : ndl_remesh_is_original(remesh) ? "restored"
+                                            : "changed");
     return 0;
 }
 
@@ -540,6 +581,8 @@ static int check_settings(const settings *s)
         return options_complain("needle_prostate", "--tip", "needs bevel or symmetric");
     if (s->mesh && s->anatomy)
         return options_complain("needle_prostate", "--anatomy", "does not go with --mesh");
+    if (s->lesion && !s->anatomy)
+        return options_complain("needle_prostate", "--lesion", "goes with --anatomy");
     if (strlen(s->prefix) > PATH_SIZE - 64)
         return options_complain("needle_prostate", "-o", "needs a shorter prefix");
     if (s->mesh && s->csv && is_same_file(s->mesh, s->csv))
@@ -559,6 +602,8 @@ static int program(int argc, char **argv)
          "here"},
         {"--anatomy", NULL, OPTION_FLAG, &s.anatomy, NULL, NULL, 0, 0,
          "made here with skin of 6 mm and a pubic bone, in a mesh that is finer at their surfaces"},
+        {"--lesion", NULL, OPTION_FLAG, &s.lesion, NULL, NULL, 0, 0,
+         "with --anatomy: a stiff lesion of 12 mm that the mesh does not follow; springs hold the needle"},
         {"--tip", "KIND", OPTION_TEXT, NULL, NULL, &s.tip, 0, 0, "bevel or symmetric"},
         {"--seconds", "S", OPTION_NUMBER, NULL, &s.seconds, NULL, 0.5, 1e5, "length of the run, steps are of 0.02 s"},
         {"--csv", "FILE", OPTION_TEXT, NULL, NULL, &s.csv, 0, 0, "a line for each step"},
@@ -576,7 +621,7 @@ static int program(int argc, char **argv)
         options_print(options, count);
         printf("\nThe last line: steps, median and 99th percentile of their time (ms), the share of steps whose\n"
                "friction states were consistent, the worst quality of a tet, and whether the mesh is the original one\n"
-               "again.\n");
+               "again (kept: springs hold the needle).\n");
         return 0;
     }
     return check_settings(&s) ? run(&s) : EXIT_USAGE;

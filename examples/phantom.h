@@ -5,6 +5,7 @@
  *     memset(&p, 0, sizeof p);
  *     result = phantom_make_mesh(&p.mesh, &error);            or sb_mesh_load
  *     result = phantom_survey(&p, &error);                    where its regions are
+ *     result = phantom_add_lesion(&p, &error);                if you like
  *     sb_body_def def = phantom_default_body_def();           clock, threads and such; mesh and materials are set by
  *     result = phantom_make_tissue(&p, &def, &error);
  *     result = phantom_make_needle(&p, curvature, aside, &error);
@@ -35,6 +36,8 @@ typedef struct phantom {
     sb_vec3 target;                      /* middle of the prostate, or of all (m) */
     sb_body *tissue;
     ndl_needle *needle;
+    int has_lesion;      /* 1: by phantom_add_lesion */
+    sb_mixture lesion;   /* of the prostate's elements with it */
     ndl_follow follow;   /* of needles to be made; zeros: the mesh follows (NDL_REMESH) */
     sb_real free_length; /* m of the needle before the skin at the start */
 } phantom;
@@ -128,6 +131,41 @@ static inline sb_result phantom_make_anatomy(phantom *p, sb_error *error)
     def.high = sb_v3((sb_real)0.065, (sb_real)0.055, (sb_real)0.050);
     p->anatomy = 1;
     return sb_mesh_stuff(&def, &p->mesh, NULL, error);
+}
+
+/* ---- a lesion ---- */
+
+enum { PHANTOM_LESION = PHANTOM_REGIONS - 1 };
+
+/* A ball of 12 mm in the prostate, beside the needle's way. */
+static inline sb_real phantom_lesion_distance(void *user, sb_vec3 x)
+{
+    (void)user;
+    return sb_v3_norm(sb_v3_sub(x, sb_v3((sb_real)0.008, (sb_real)-0.002, (sb_real)0.006))) - (sb_real)0.006;
+}
+
+/* The mesh stays as it is, elements that lie in both are mixed: by the geometric mean, which of all is nearest to finer
+ * meshes where a needle goes through (tests/test_needle_mixture.c). Such a body's mesh cannot follow a needle. */
+static inline sb_result phantom_add_lesion(phantom *p, sb_error *error)
+{
+    static const sb_real stiffness[2] = {100000, 300000}; /* Pa, of the prostate and of the lesion */
+    sb_mixture_def def = sb_default_mixture_def();
+    sb_shape shape;
+    sb_result result;
+    memset(&shape, 0, sizeof shape);
+    shape.distance = phantom_lesion_distance;
+    shape.max_slope = 1;
+    shape.region = PHANTOM_LESION;
+    def.mesh = &p->mesh;
+    def.shapes = &shape;
+    def.shape_count = 1;
+    def.mean = SB_MIXTURE_GEOMETRIC;
+    def.stiffness = stiffness;
+    result = sb_mixture_create(&def, &p->lesion, error);
+    p->has_lesion = result == SB_OK;
+    if (p->has_lesion)
+        p->follow = NDL_EMBED;
+    return result;
 }
 
 static inline int phantom_region(const sb_mesh *mesh, int element)
@@ -225,26 +263,35 @@ static inline int phantom_list_fixed(const phantom *p, int *fixed)
     return count;
 }
 
-/* Tissue of 50 kPa with a prostate of 100 kPa, and skin of 150 kPa where there is one; bone does not move, and what
- * lies on the table sticks to it. */
+/* Tissue of 50 kPa with a prostate of 100 kPa, and skin of 150 kPa and a lesion of 300 kPa where there are any; bone
+ * does not move, and what lies on the table sticks to it. */
 static inline sb_result phantom_make_tissue(phantom *p, sb_body_def *def, sb_error *error)
 {
-    sb_region_material materials[2];
+    sb_region_material materials[3];
     int *fixed = (int *)malloc((size_t)p->mesh.node_count * sizeof *fixed);
     sb_result result;
     if (!fixed)
         return phantom_refuse(SB_ERROR_MEMORY, "not enough memory", error);
     materials[0].region = p->prostate;
     materials[0].material = sb_material_corotated(100000, (sb_real)0.45, 1040);
+    materials[2].region = PHANTOM_LESION;
+    materials[2].material = sb_material_corotated(300000, (sb_real)0.45, 1060);
     materials[1].region = PHANTOM_SKIN;
     materials[1].material = sb_material_corotated(150000, (sb_real)0.45, 1100);
     def->mesh = &p->mesh;
     def->material = sb_material_corotated(50000, (sb_real)0.45, 1040);
     def->region_materials = materials;
     def->region_material_count = p->prostate < 0 ? 0 : p->anatomy ? 2 : 1;
+    if (p->has_lesion) {
+        def->mesh = &p->lesion.body_mesh;
+        def->domain = &p->lesion.domain;
+        def->region_material_count = 3;
+        def->slack = 0;
+    }
     result = sb_body_create(def, &p->tissue, error);
     if (result == SB_OK)
         result = sb_body_hold(p->tissue, fixed, phantom_list_fixed(p, fixed), SB_XYZ, error);
+    def->domain = NULL;
     def->region_materials = NULL; /* it was of this call */
     def->region_material_count = 0;
     free(fixed);
@@ -301,9 +348,10 @@ static inline sb_result phantom_make_needle(phantom *p, sb_real curvature, sb_ve
     sb_result result = phantom_find_entry(p, sb_v3_add(p->target, aside), &entry, error);
     if (result != SB_OK)
         return result;
-    for (int r = 0; r < p->region_count; r++) {
+    for (int r = 0; r < PHANTOM_REGIONS; r++) {
         const ndl_friction tissue = {20, 40, (sb_real)0.4, 0, 0}, prostate = {35, 70, (sb_real)0.7, 0, 0};
-        frictions[r] = r == p->prostate ? prostate : tissue;
+        const ndl_friction lesion = {50, 100, 1, 0, 0};
+        frictions[r] = p->has_lesion && r == PHANTOM_LESION ? lesion : r == p->prostate ? prostate : tissue;
     }
     def.body = p->tissue;
     def.follow = p->follow;
@@ -313,7 +361,7 @@ static inline sb_result phantom_make_needle(phantom *p, sb_real curvature, sb_ve
     def.length = p->free_length = (sb_real)0.028;
     def.bevel.curvature = curvature;
     def.frictions = frictions;
-    def.friction_count = p->region_count;
+    def.friction_count = p->has_lesion ? (int)PHANTOM_REGIONS : p->region_count;
     def.membranes = membranes;
     def.membrane_count = phantom_list_membranes(p, membranes);
     ndl_rod_section_preset(NDL_NITINOL_083, &def.section);
@@ -324,6 +372,7 @@ static inline void phantom_free(phantom *p)
 {
     ndl_needle_destroy(p->needle);
     sb_body_destroy(p->tissue);
+    sb_mixture_free(&p->lesion);
     sb_mesh_free(&p->mesh);
     memset(p, 0, sizeof *p);
 }

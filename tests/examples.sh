@@ -415,6 +415,8 @@ fi
 expect 0 '^steps=50 .*consistent=100' needle_prostate --anatomy --seconds 1 -o needle/e
 long expect 0 "$summary" needle_prostate --anatomy --seconds 4 --csv needle/f.csv -o needle/f
 long check "through skin and out" insertion needle/f.csv
+expect 0 '^steps=100 .*consistent=100.*topology=kept' needle_prostate --anatomy --lesion --seconds 2 -o needle/h
+expect 2 '--lesion goes with --anatomy' needle_prostate --lesion
 expect 2 'does not go with --mesh' needle_prostate --anatomy --mesh needle/a_0000.vtk
 expect 2 'no-such-file.vtk' needle_prostate --mesh no-such-file.vtk
 expect 2 '--mesh needs a value' needle_prostate --mesh

@@ -27,6 +27,9 @@
  * of their own cannot be cut, nor can their mesh change (sb_body_def.slack).
  * Needles with NDL_EMBED and registration see each element once. To a needle it has Lame's moduli by the weights of its
  * parts, and friction, cutting and twist by their shares; membranes lie between elements, by the largest part of each.
+ * What nodules as large as elements, 10 and 0.2 times as stiff, add to the stiffness across a needle near them is off
+ * (N/m, root mean square of 12 each, against a mesh 2.8 times as fine) by 24 and 8 with the geometric mean, 52 and 19
+ * with Reuss's, 72 and 9 with Voigt's, 57 and 18 with one region for each element: take the geometric.
  *
  * Which mean. Mixed by volume alone (Voigt) an element is too stiff where the interface lies across the load; with
  * moduli given, geometric or Reuss's means are wanted. What balls, 10 times and 0.2 times as stiff as the block about
