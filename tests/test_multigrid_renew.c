@@ -51,6 +51,7 @@ static void check_level(const sbi_mg_level *a, const sbi_mg_level *b)
     CHECK(same_bytes(a->diagonal, b->diagonal, n, sizeof(int)));
     CHECK(same_bytes(a->places, b->places, n, sizeof(sb_vec3)));
     CHECK(same_bytes(a->spacings, b->spacings, n, sizeof(double)));
+    CHECK(same_bytes(a->points, b->points, n, sizeof(int64_t)));
     CHECK(same_bytes(a->positions, b->positions, n, sizeof(sb_vec3)));
     CHECK((a->packed == NULL) == (b->packed == NULL) && (a->parents == NULL) == (b->parents == NULL));
     CHECK(a->degree == b->degree && a->twice == b->twice);
@@ -202,6 +203,13 @@ static void change_scale(changing *c)
         c->mesh.nodes[i].y *= REAL(1.05);
 }
 
+/* One node goes beyond the others: the box grows, and all else stays where it is. */
+static void change_box(changing *c)
+{
+    c->mesh.nodes[(int)random_below(c, c->mesh.node_count - 1)] =
+        sb_v3(REAL(2.02 * c->size), REAL(c->size), REAL(-0.02 * c->size));
+}
+
 static void change_any(changing *c)
 {
     const double kind = random_below(c, 1);
@@ -213,8 +221,10 @@ static void change_any(changing *c)
         change_remove(c);
     else if (kind < 0.9)
         change_move(c);
-    else if (kind < 0.96)
+    else if (kind < 0.94)
         change_shrink(c);
+    else if (kind < 0.97)
+        change_box(c);
     else
         change_scale(c);
 }

@@ -225,7 +225,8 @@ static int sbi_mg_take_places(sbi_multigrid *m, sbi_mg_level *level, const sb_ve
     size_t rows = (size_t)level->row_count;
     level->places = (sb_vec3 *)sbi_owned_take(&m->owned, rows, sizeof(sb_vec3));
     level->spacings = (double *)sbi_owned_take(&m->owned, rows, sizeof(double));
-    if (!level->places || !level->spacings)
+    level->lattice = (sbi_cubes *)sbi_owned_take(&m->owned, 1, sizeof(sbi_cubes));
+    if (!level->places || !level->spacings || !level->lattice)
         return 0;
     memcpy(level->places, positions, rows * sizeof(sb_vec3));
     return 1;
@@ -242,6 +243,7 @@ static int sbi_mg_lay_lattice(sbi_multigrid *m, const sb_vec3 *positions, const 
     nodes.level = level;
     nodes.match = match;
     nodes.spacings = NULL;
+    nodes.lattice = NULL;
     nodes.positions = positions;
     nodes.regions = &m->regions;
     nodes.labels = labels;
@@ -259,6 +261,7 @@ static int sbi_mg_lay_lattice(sbi_multigrid *m, const sb_vec3 *positions, const 
     if (!sbi_mg_take_places(m, level, positions))
         return 0;
     nodes.spacings = level->spacings;
+    nodes.lattice = level->lattice;
     made = sbi_mg_lattice(&nodes, SBI_MG_RATIO, SBI_MG_RATIO, &m->owned.allocator, rows);
     if (made && rows->coarse_count > count / 2)
         sbi_mg_rows_free(&m->owned.allocator, rows);
@@ -286,6 +289,18 @@ static sb_result sbi_mg_make_rows(sbi_multigrid *m, const sbi_multigrid_setup *s
         made = sbi_mg_lay_lattice(m, last->positions ? last->positions : setup->positions, match, last->labels, rows);
     }
     return made ? SB_OK : sbi_mg_no_memory(m, error);
+}
+
+/* What later levels like the one just made want to know of its nodes. 0: no memory. */
+static int sbi_mg_keep_points(sbi_multigrid *m, const sbi_mg_rows *rows)
+{
+    sbi_mg_level *level = m->levels + m->level_count - 1;
+    if (!rows->points)
+        return 1;
+    level->points = (int64_t *)sbi_owned_take(&m->owned, (size_t)level->row_count, sizeof(int64_t));
+    if (level->points)
+        memcpy(level->points, rows->points, (size_t)level->row_count * sizeof(int64_t));
+    return level->points != NULL;
 }
 
 /* 1: the level just made is one of the user's; its positions are kept, so that it can be used again. */
@@ -328,7 +343,8 @@ static sb_result sbi_mg_coarsen(sbi_multigrid *m, const sbi_multigrid_setup *set
             break;
         sbi_mg_rows_free(&m->owned.allocator, &last);
         last = rows;
-        if (!sbi_mg_add_level(m, &rows, &match) || !sbi_mg_keep_positions(m, setup, &rows))
+        if (!sbi_mg_add_level(m, &rows, &match) || !sbi_mg_keep_positions(m, setup, &rows) ||
+            !sbi_mg_keep_points(m, &rows))
             result = sbi_mg_no_memory(m, error);
     }
     sbi_mg_rows_free(&m->owned.allocator, &last);

@@ -5,16 +5,6 @@
 #include <math.h>
 #include <string.h>
 
-/* The box of a region in cells; each cell is cut into six tets along its diagonal (Kuhn), in which displacements are
- * linear: rigid motions and uniform strains of the finer level are then motions of the coarser one, too. */
-typedef struct sbi_cubes {
-    double low[3], extent[3]; /* m */
-    double edge;              /* about that of its cells (m) */
-    int cells[3];             /* 0 along an axis without extent */
-    int tet;                  /* 1: a region smaller than a cell; one tet around it takes half as many nodes */
-    int64_t first;            /* number of its first point */
-} sbi_cubes;
-
 /* Where a node lies: the corners of its tet that have a share. */
 typedef struct sbi_cubes_place {
     int count;
@@ -185,12 +175,40 @@ static int sbi_cubes_fits(const sbi_cubes_place *places, int row_count, int most
     return table->count <= most;
 }
 
+/* 1: the lattice is the one of the level before. */
+static int sbi_cubes_stays(const sbi_cubes *lattice, const sbi_mg_nodes *nodes)
+{
+    const sbi_cubes *old = nodes->match->old && !nodes->labels ? nodes->match->old->lattice : NULL;
+    return old && nodes->match->old->parents && !lattice->tet && memcmp(lattice->low, old->low, sizeof old->low) == 0 &&
+           memcmp(lattice->extent, old->extent, sizeof old->extent) == 0 &&
+           memcmp(lattice->cells, old->cells, sizeof old->cells) == 0;
+}
+
+/* 1: the node is where it was, had parents, and so lies between the points that these were. */
+static int sbi_cubes_keep_place(const sbi_mg_nodes *nodes, int row, sbi_cubes_place *place)
+{
+    const sbi_mg_level *old = nodes->match->old;
+    int was = nodes->match->was[row], first;
+    if (was < 0 || memcmp(nodes->positions + row, old->places + was, sizeof *old->places) != 0)
+        return 0;
+    first = old->parent_start[was];
+    place->count = old->parent_start[was + 1] - first;
+    for (int k = 0; k < place->count; k++) {
+        place->points[k] = old[1].points[old->parents[first + k]];
+        place->weights[k] = (double)old->shares[first + k];
+    }
+    return place->count > 0;
+}
+
 /* Cells of the edges that are set, and where the nodes lie in them. */
 static void sbi_cubes_lay(sbi_cubes *lattices, int lattice_count, const sbi_mg_nodes *nodes, sbi_cubes_place *places)
 {
+    int stays;
     sbi_cubes_cut(lattices, lattice_count);
+    stays = sbi_cubes_stays(lattices, nodes);
     for (int i = 0; i < nodes->level->row_count; i++)
-        places[i] = sbi_cubes_find(lattices + (nodes->labels ? nodes->labels[i] : 0), nodes->positions[i]);
+        if (!stays || !sbi_cubes_keep_place(nodes, i, places + i))
+            places[i] = sbi_cubes_find(lattices + (nodes->labels ? nodes->labels[i] : 0), nodes->positions[i]);
 }
 
 /* Keeps the `limit` smallest of the numbers given, ascending; returns their count. */
@@ -476,6 +494,7 @@ static void sbi_cubes_place_nodes(const sbi_cubes_maker *m, sbi_mg_rows *rows)
             if (m->number[e] < next)
                 continue;
             rows->positions[next] = sbi_cubes_position(sbi_cubes_of(m, m->owner[e]), m->points[p]);
+            rows->points[next] = m->points[p];
             if (rows->labels)
                 rows->labels[next] = m->nodes->labels[m->owner[e]];
             next++;
@@ -492,9 +511,10 @@ static int sbi_cubes_make_rows(sbi_cubes_maker *m, const sb_allocator *allocator
     sbi_cubes_sort(m, rows, entries);
     rows->coarse_count = sbi_cubes_split(m, rows);
     rows->positions = (sb_vec3 *)sbi_alloc(allocator, (size_t)rows->coarse_count, sizeof(sb_vec3));
+    rows->points = (int64_t *)sbi_alloc(allocator, (size_t)rows->coarse_count, sizeof(int64_t));
     if (m->nodes->labels)
         rows->labels = (int *)sbi_alloc(allocator, (size_t)rows->coarse_count, sizeof(int));
-    if (!rows->positions || (!rows->labels && m->nodes->labels))
+    if (!rows->positions || !rows->points || (!rows->labels && m->nodes->labels))
         return 0;
     sbi_cubes_place_nodes(m, rows);
     for (int e = 0; e < entries; e++)
@@ -508,6 +528,7 @@ SBI_API void sbi_mg_rows_free(const sb_allocator *allocator, sbi_mg_rows *rows)
     sbi_free(allocator, rows->nodes);
     sbi_free(allocator, rows->weights);
     sbi_free(allocator, rows->positions);
+    sbi_free(allocator, rows->points);
     sbi_free(allocator, rows->labels);
     memset(rows, 0, sizeof *rows);
 }
@@ -552,6 +573,8 @@ SBI_API int sbi_mg_lattice(const sbi_mg_nodes *nodes, double ratio, double thin_
         sbi_cubes_choose(m.lattices, m.lattice_count, largest, nodes, nodes->labels ? count / 2 : count / 4, &m.table,
                          m.places);
         made = sbi_cubes_make_rows(&m, allocator, rows);
+        if (nodes->lattice)
+            *nodes->lattice = m.lattices[0];
     }
     if (!nodes->spacings)
         sbi_free(allocator, m.spacings);

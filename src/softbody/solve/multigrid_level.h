@@ -35,6 +35,16 @@ enum {
         128 /* and blocks of a list: coarse sums take 0.4 of the time so, with 32 0.7, with 256 0.35 */
 };
 
+/* The box of a region in cells; each cell is cut into six tets along its diagonal (Kuhn), in which displacements are
+ * linear: rigid motions and uniform strains of the finer level are then motions of the coarser one, too. */
+typedef struct sbi_cubes {
+    double low[3], extent[3]; /* m */
+    double edge;              /* about that of its cells (m) */
+    int cells[3];             /* 0 along an axis without extent */
+    int tet;                  /* 1: a region smaller than a cell; one tet around it takes half as many nodes */
+    int64_t first;            /* number of its first point */
+} sbi_cubes;
+
 /* One level. Blocks are 3x3, row-major; vectors have four floats a node, the fourth 0. All arrays that are read as
  * vectors have room for reading past their end.
  *
@@ -47,7 +57,9 @@ typedef struct sbi_mg_level {
     int row_count, block_count;
     sb_vec3 *positions; /* [row_count] (m) of a level of the user's, otherwise NULL */
     sb_vec3 *places;    /* [row_count] (m) where a lattice without regions is laid over the nodes, otherwise NULL: */
-    double *spacings;   /* [row_count] (m) and their mean distances to the nearest ones, for levels made later */
+    double *spacings;   /* [row_count] (m) their mean distances to the nearest ones, */
+    sbi_cubes *lattice; /* and that lattice, for levels made later; */
+    int64_t *points;    /* [row_count] the points of the finer level's lattice that the nodes are, or NULL */
     int *row_start, *columns; /* the pattern: columns ascend in each row */
     int *diagonal;            /* [row_count] */
     float *blocks;            /* [block_count][9], but for level 0 */
@@ -190,6 +202,7 @@ typedef struct sbi_mg_rows {
     int *nodes;
     float *weights;
     sb_vec3 *positions; /* [coarse_count] */
+    int64_t *points;    /* [coarse_count] of the lattice that they are, or NULL: there is none */
     int *labels;        /* [coarse_count] region of each, or NULL */
 } sbi_mg_rows;
 
@@ -227,7 +240,8 @@ SBI_API int sbi_mg_add_level(sbi_multigrid *m, const sbi_mg_rows *rows, sbi_mg_m
 typedef struct sbi_mg_nodes {
     const sbi_mg_level *level;
     const sbi_mg_match *match;     /* of the level */
-    double *spacings;              /* [rows] or NULL: gets what the level keeps of this name */
+    double *spacings;              /* [rows] or NULL: these two get what the level keeps of their name, */
+    sbi_cubes *lattice;            /* if there are no labels */
     const sb_vec3 *positions;      /* [rows] (m) */
     const sbi_mg_regions *regions; /* read where there are labels */
     const int *labels;             /* [rows] region of each, or NULL: all are one */

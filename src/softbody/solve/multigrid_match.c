@@ -40,16 +40,26 @@ SBI_API void sbi_mg_match_columns(const sbi_mg_level *level, sbi_mg_match *match
         match->same[i] = (unsigned char)sbi_mg_has_columns(level, match, i);
 }
 
+/* 1: row i has the same columns in both, number for number. */
+static int sbi_mg_is_row(const sbi_mg_level *level, const sbi_mg_level *old, int i)
+{
+    int first = level->row_start[i], count = level->row_start[i + 1] - first;
+    return count == old->row_start[i + 1] - old->row_start[i] &&
+           memcmp(level->columns + first, old->columns + old->row_start[i], (size_t)count * sizeof(int)) == 0;
+}
+
 SBI_API int sbi_mg_match_finest(const sbi_multigrid *m, const sbi_multigrid *like, sbi_mg_match *match)
 {
-    const sbi_mg_level *level = m->levels;
+    const sbi_mg_level *level = m->levels, *old;
     memset(match, 0, sizeof *match);
     if (!like)
         return 1;
-    if (!sbi_mg_begin_match(like->levels, level->row_count, &m->owned.allocator, match))
+    old = like->levels;
+    if (!sbi_mg_begin_match(old, level->row_count, &m->owned.allocator, match))
         return 0;
-    for (int i = 0; i < sbi_min_int(level->row_count, like->levels[0].row_count); i++)
+    for (int i = 0; i < sbi_min_int(level->row_count, old->row_count); i++)
         match->was[i] = i;
-    sbi_mg_match_columns(level, match);
+    for (int i = 0; i < level->row_count; i++) /* columns that there were have their numbers, others are greater */
+        match->same[i] = match->was[i] >= 0 && sbi_mg_is_row(level, old, i);
     return 1;
 }

@@ -538,7 +538,8 @@ static sb_result sbi_precond_create(const sb_preconditioner_def *def, const sb_m
     p->block_count = sbi_matrix_used_blocks(pattern);
     p->lower_count = (p->block_count - pattern->row_count) / 2;
     p->pattern_version = sbi_matrix_version(pattern);
-    p->pattern_hash = sbi_precond_hash_pattern(pattern);
+    if (p->kind != SB_PRECOND_MULTIGRID) /* which is never saved */
+        p->pattern_hash = sbi_precond_hash_pattern(pattern);
     p->wait = SBI_PRECOND_RELAX_FIRST;
     p->matrix_scale = 1;
     if (p->kind == SB_PRECOND_MULTIGRID)
