@@ -788,7 +788,7 @@ expect 0 'shard 1 of 1, 1 to do' insilico $study --study torn.csv
 check "a torn line is done again" cmp -s torn.csv whole.csv
 (exec "$programs/insilico" $study --study killed.csv >/dev/null 2>&1) &
 killed=$! tries=0
-while [ "$(wc -l <killed.csv 2>/dev/null || echo 0)" -lt 3 ] && [ $tries -lt 300 ]; do
+while [ "$({ wc -l <killed.csv || echo 0; } 2>/dev/null)" -lt 3 ] && [ $tries -lt 300 ]; do
     sleep 0.1
     tries=$((tries + 1))
 done
