@@ -47,46 +47,6 @@ SBI_API size_t sbi_multigrid_bytes(const sbi_multigrid *multigrid) { return mult
 
 /* ---- one level ----------------------------------------------------------------------------------------- */
 
-/* What only the finest level has beside its values. */
-static int sbi_mg_take_finest(sbi_multigrid *m, sbi_mg_level *level)
-{
-    size_t rows = (size_t)level->row_count, blocks = (size_t)level->block_count;
-    if (m->regions.count > 0) {
-        level->mend = sbi_owned_take_floats(&m->owned, rows, 12);
-        return level->mend != NULL;
-    }
-#if SB_REAL_IS_FLOAT
-    (void)blocks;
-    return 1;
-#else
-    level->rest = (uint16_t *)sbi_owned_take(&m->owned, blocks, 9 * sizeof(uint16_t));
-    m->spread = (double *)sbi_owned_take(&m->owned, rows, 4 * sizeof(double));
-    return level->rest && m->spread;
-#endif
-}
-
-SBI_API int sbi_mg_take_values(sbi_multigrid *m, sbi_mg_level *level)
-{
-    size_t rows = (size_t)level->row_count;
-    int finest = level == m->levels, packed = finest || (m->regions.count == 0 && level->block_count >= SBI_MG_PACKED);
-    if (packed) {
-        level->packed = (int16_t *)sbi_owned_take(&m->owned, (size_t)level->block_count, 9 * sizeof(int16_t));
-        level->scale = sbi_owned_take_floats(&m->owned, rows, 4);
-    }
-    if (!finest)
-        level->blocks = sbi_owned_take_floats(&m->owned, (size_t)level->block_count, 9);
-    level->inverse = sbi_owned_take_floats(&m->owned, rows, 12);
-    level->x = sbi_owned_take_floats(&m->owned, rows, 4);
-    level->r = sbi_owned_take_floats(&m->owned, rows, 4);
-    level->d = sbi_owned_take_floats(&m->owned, rows, 4);
-    level->e = sbi_owned_take_floats(&m->owned, rows, 4);
-    level->partial = (double *)sbi_owned_take(&m->owned, rows / SBI_MG_ROWS + 1, sizeof(double));
-    if ((packed && (!level->packed || !level->scale)) || (!finest && !level->blocks) ||
-        (finest && !sbi_mg_take_finest(m, level)))
-        return 0;
-    return level->inverse && level->x && level->r && level->d && level->e && level->partial;
-}
-
 static int sbi_mg_copy_pattern(sbi_multigrid *m, const sb_matrix *pattern, sbi_mg_level *level)
 {
     size_t rows = (size_t)pattern->row_count, blocks = (size_t)sbi_matrix_used_blocks(pattern);
