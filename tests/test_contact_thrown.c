@@ -354,6 +354,8 @@ static void check_lists(sb_contact *c, int face, int *all, int *lists)
         for (int i = 0; counts && i < rule->count; i++) {
             const sb_real *weights = rule->weights + (size_t)i * (size_t)c->faces->sizes[face];
             const look l = look_at(c, face, all[k], weights);
+            CHECK(!sbi_pairs_is_beyond(c, all[k], l.at, (sb_real)l.away));
+            CHECK(!sbi_pairs_is_beyond(c, face, l.at, 0)); /* its own, whatever rounding makes of the plane */
             wanted |= rule_holds(c, face, all[k], &l) << SBI_PAIR_HOLDERS;
             wanted |= (l.height < 0 && (double)SBI_PAIR_TURNED * l.away < -l.height) << SBI_PAIR_BACKS;
             wanted |= way_meets(c, face, all[k], weights, &l) << SBI_PAIR_COMERS;
