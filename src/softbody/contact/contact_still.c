@@ -38,8 +38,9 @@ static sb_real sbi_still_stretch(const sb_contact *contact)
     return width <= 4 ? 1 : width == 6 ? 3 : 9;
 }
 
-/* Squares of ways of faces' nodes, of which each is of an organ, make the most that one of an organ and one of any
- * other come nearer by. ways: [organs + 1] (m^2, then m). Returns how far any goes (m). */
+/* ways [organs + 1]: the square of the farthest way of each organ's nodes (m^2), last that of nodes that count for all
+ * organs. Becomes by how much a point of each organ and one of any other may come nearer (m). Returns the farthest way
+ * of all (m). */
 static sb_real sbi_still_close(const sb_contact *contact, sb_real *ways)
 {
     const int count = contact->pairs.organ_count;
