@@ -54,13 +54,23 @@ static sb_real sbi_cut_leave_ball(const sbi_cut_ball *ball, sb_vec3 in, sb_vec3 
     return t > 0 ? (sb_real)(t < 1 ? t : 1) : 0;  /* also of what is no number */
 }
 
-static void sbi_cut_lose(sb_cut *cut, int tet, uint64_t points)
+/* A tet loses points; 0: no memory. */
+static int sbi_cut_lose(sb_cut *cut, int tet, uint64_t points)
 {
-    if (!(cut->tet_marks[tet] & SBI_CUT_LOSES))
-        cut->was_lost[tet] = cut->links.lost[tet];
+    if (!(cut->tet_marks[tet] & SBI_CUT_LOSES)) {
+        void *losses = cut->losses;
+        int grown =
+            sbi_cut_grow(&cut->allocator, &losses, &cut->loss_capacity, cut->loss_count, 1, sizeof *cut->losses);
+        cut->losses = (sbi_cut_loss *)losses;
+        if (!grown)
+            return 0;
+        cut->losses[cut->loss_count].tet = tet;
+        cut->losses[cut->loss_count++].points = cut->links.lost[tet];
+    }
     cut->links.lost[tet] |= points;
     sbi_cut_touch(cut, tet);
     cut->tet_marks[tet] |= SBI_CUT_LOSES;
+    return 1;
 }
 
 /* A link from lost to other material that is cut on: the ball has come over its crossing, which recedes before it.
@@ -110,8 +120,8 @@ static int sbi_cut_burn_link(sb_cut *cut, const sbi_cut_burn *burn, int link, in
     return 1;
 }
 
-/* Points of a near tet that are in the ball are lost. */
-static void sbi_cut_burn_points(sb_cut *cut, const sbi_cut_ball *ball, int tet)
+/* Points of a near tet that are in the ball are lost; 0: no memory. */
+static int sbi_cut_burn_points(sb_cut *cut, const sbi_cut_ball *ball, int tet)
 {
     sbi_cut_burn burn;
     burn.ball = ball;
@@ -122,8 +132,7 @@ static void sbi_cut_burn_points(sb_cut *cut, const sbi_cut_ball *ball, int tet)
         for (int p = 0; p < cut->lattice.point_count; p++)
             if ((cut->pieces[piece].points >> p & 1) && sbi_cut_is_in(ball, sbi_cut_burn_place(cut, &burn, piece, p)))
                 burn.lost |= (uint64_t)1 << p;
-    if (burn.lost)
-        sbi_cut_lose(cut, tet, burn.lost);
+    return !burn.lost || sbi_cut_lose(cut, tet, burn.lost);
 }
 
 /* Links of a near tet between what is lost and what is not end at the ball; 0: no memory. */
@@ -171,8 +180,8 @@ SB_API sb_result sb_cut_ablate(sb_cut *cut, sb_vec3 centre, sb_real radius, sb_c
         return result;
     links = cut->links.count;
     sbi_cut_list_reached(cut, &centre, 1, radius + cut->element_size / 1024); /* more than places are rounded by */
-    for (int i = 0; i < cut->near.count; i++)
-        sbi_cut_burn_points(cut, &ball, cut->near.items[i]);
+    for (int i = 0; i < cut->near.count && done; i++)
+        done = sbi_cut_burn_points(cut, &ball, cut->near.items[i]);
     for (int i = 0; i < cut->near.count && done; i++)
         done = sbi_cut_burn_links(cut, &ball, cut->near.items[i]);
     result = sbi_cut_finish(cut, links, 0, done && sbi_cut_settle_seams(cut, NULL, 0), info, error);

@@ -27,7 +27,7 @@ static const sb_real sbi_cut_pay_way = (sb_real)0.5, sbi_cut_pay_drags = 4, sbi_
  * longer anything beside such a stiffness. */
 static const sb_real sbi_cut_least_way = (sb_real)1e-3;
 
-enum { SBI_CUT_FREED = 1024 }; /* triangles of a call, and of a stroke, that there is room for from the start */
+enum { SBI_CUT_FREED = 1536 }; /* triangles of a call, and of a stroke, that there is room for from the start */
 
 /* ---- memory ---- */
 

@@ -17,7 +17,7 @@
 #include <string.h>
 
 /* Triangles and tets that there is room for from the start. */
-enum { SBI_CUT_GLUED_TETS = 170, SBI_CUT_GLUED = SBI_CUT_GLUED_TETS * (int)SBI_LIPS };
+enum { SBI_CUT_GLUED_TETS = 256, SBI_CUT_GLUED = SBI_CUT_GLUED_TETS * (int)SBI_LIPS };
 
 /* ---- memory ---- */
 
@@ -209,7 +209,7 @@ SBI_API int sbi_cut_list_seams(sb_cut *cut)
     sbi_cut_span_of_glue span = {0, 0};
     memset(&cut->released, 0, sizeof cut->released);
     cut->seam_count = cut->freed.count = 0;
-    if (!cut->parted.count && !cut->glue_count)
+    if (!cut->listed.count && !cut->glue_count)
         return 1;
     for (int tet = 0; tet < cut->tet_count; tet++) {
         span.first = span.end;

@@ -52,7 +52,7 @@ SBI_API void sbi_cut_links_add(sbi_cut_links *links, const sbi_link_key *key, sb
     links->table[sbi_cut_links_slot(links, key)] = ++links->count;
     item->key = *key;
     item->t = t;
-    item->state = state;
+    item->state = (short)state;
     item->charred = 0;
     item->struck = -1;
 }

@@ -9,10 +9,10 @@
 
 typedef struct sbi_cut_link {
     sbi_link_key key;
-    sb_real t;   /* of the crossing, 0 at the link's first end (sbi_lattice_ends), 1 at the other */
-    int state;   /* SBI_LINK_... , not 0 */
-    int charred; /* 1: material at one of its ends was taken out, and parted it */
-    int struck;  /* blade that has cut it, or that it is predicted by, in the frame at work; else -1 */
+    sb_real t;     /* of the crossing, 0 at the link's first end (sbi_lattice_ends), 1 at the other */
+    int struck;    /* blade that has cut it, or that it is predicted by, in the frame at work; else -1 */
+    short state;   /* SBI_LINK_... , not 0 */
+    short charred; /* 1: material at one of its ends was taken out, and parted it */
 } sbi_cut_link;
 
 /* Predicted: it parts pieces like a cut one, but no blade has crossed it yet. */

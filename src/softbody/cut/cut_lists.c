@@ -5,7 +5,7 @@
 
 SBI_API int sbi_cut_grow(const sb_allocator *allocator, void **items, int *capacity, int count, int more, size_t size)
 {
-    int64_t needed = (int64_t)count + more, roomy = needed + needed / 2 + 16;
+    int64_t needed = (int64_t)count + more, roomy = *capacity ? needed + needed / 2 + 16 : needed;
     void *grown;
     if (needed <= *capacity)
         return 1;

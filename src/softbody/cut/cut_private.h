@@ -100,6 +100,12 @@ typedef struct sbi_cut_receded {
     sb_real t;
 } sbi_cut_receded;
 
+/* A tet that loses points, and what it had lost before. */
+typedef struct sbi_cut_loss {
+    uint64_t points;
+    int tet;
+} sbi_cut_loss;
+
 typedef struct sbi_cut_list {
     int *items;
     int count, capacity;
@@ -185,10 +191,11 @@ struct sb_cut {
     unsigned char *is_near; /* [tet_count] */
     unsigned char *beyond;  /* [beyond_capacity] of a body's nodes: sides of a box that each is beyond, as bits */
     int beyond_capacity;
-    sbi_cut_list near, near_hits, blade_hits;
-    sbi_cut_list at_edge; /* of the near tets those whose boxes meet that of a blade's edge */
-    sbi_cut_box now;      /* of the body */
-    sbi_cut_box reach;    /* of the triangles */
+    sbi_cut_list near, blade_hits;
+    sbi_cut_list listed; /* [tet_count + 1] of the part of a call at work, one after another: near tets whose boxes meet
+                          * that of a blade's edge; hits of near tets; tets that have parted */
+    sbi_cut_box now;     /* of the body */
+    sbi_cut_box reach;   /* of the triangles */
     sbi_cut_hit *hits, *sorted_hits;
     int hit_capacity, sorted_capacity;
     sbi_cut_list around;          /* tets around a link */
@@ -208,7 +215,7 @@ struct sb_cut {
     int span_count, span_capacity;
     unsigned char *tet_marks, *node_marks; /* [tet_count], [node_end] */
     int *cell_of;                          /* [tet_count] 1 + first of its records, or 0 */
-    sbi_cut_list touched, parted;          /* tets */
+    sbi_cut_list touched;                  /* tets */
     sbi_cut_cell *cells;
     int cell_count, cell_capacity;
     sbi_cut_list roots;     /* [cell_count][nodes_per_tet] union-find over nodes of the records */
@@ -217,7 +224,8 @@ struct sb_cut {
     int made_nodes, made_cells;
     sbi_cut_receded *receded; /* in the order in which they were moved */
     int receded_count, receded_capacity;
-    uint64_t *was_lost;   /* [tet_count] links.lost before the call, of tets that lose points */
+    sbi_cut_loss *losses; /* of tets that lose points in this call */
+    int loss_count, loss_capacity;
     sbi_cut_list flooded; /* pieces of a part: a record, or ~ a piece of a tet without records */
     int floods;           /* searches for crumbs so far */
     sbi_cut_removed removed;
@@ -244,7 +252,8 @@ enum { SBI_CUT_TOUCHED = 1, SBI_CUT_PARTED = 2, SBI_CUT_NEAR = 4, SBI_CUT_LOSES 
 
 /* ---- cut_lists.c ---- */
 
-/* Room for `more` items behind those that are there; 0: no memory. */
+/* Room for `more` items behind those that are there: for just these at first, then for more than are asked for. 0: no
+ * memory. */
 SBI_API int sbi_cut_grow(const sb_allocator *allocator, void **items, int *capacity, int count, int more, size_t size);
 SBI_API int sbi_cut_list_grow(const sb_cut *cut, sbi_cut_list *list, int more);
 /* Sets an item that there is room for; those between it and the last one are -1 then. */

@@ -34,19 +34,20 @@ static int sbi_cut_chain_length(const sb_cut *cut, int tet)
 SBI_API void sbi_cut_find_parted(sb_cut *cut)
 {
     sbi_parted parted;
+    cut->listed.count = 0;
     for (int i = 0; i < cut->touched.count; i++) {
         int tet = cut->touched.items[i];
         sbi_cut_parted(cut, tet, &parted);
         if (parted.piece_count == sbi_cut_chain_length(cut, tet) && !(cut->tet_marks[tet] & SBI_CUT_LOSES))
             continue;
         cut->tet_marks[tet] |= SBI_CUT_PARTED;
-        cut->parted.items[cut->parted.count++] = tet;
+        cut->listed.items[cut->listed.count++] = tet;
         for (int a = 0; a < cut->nodes_per_tet; a++)
             cut->node_marks[sbi_cut_tet_nodes(cut, tet)[a]] = 1;
     }
-    for (int i = 0; i < cut->parted.count; i++)
+    for (int i = 0; i < cut->listed.count; i++)
         for (int a = 0; a < 4; a++) {
-            int node = cut->tets[4 * (size_t)cut->parted.items[i] + (size_t)a];
+            int node = cut->tets[4 * (size_t)cut->listed.items[i] + (size_t)a];
             for (int k = cut->node_tets.offsets[node]; k < cut->node_tets.offsets[node + 1]; k++)
                 cut->tet_marks[cut->node_tets.items[k]] |= SBI_CUT_NEAR;
         }
@@ -56,9 +57,8 @@ SBI_API void sbi_cut_find_parted(sb_cut *cut)
 
 SBI_API void sbi_cut_take_back_lost(sb_cut *cut)
 {
-    for (int i = 0; i < cut->touched.count; i++)
-        if (cut->tet_marks[cut->touched.items[i]] & SBI_CUT_LOSES)
-            cut->links.lost[cut->touched.items[i]] = cut->was_lost[cut->touched.items[i]];
+    for (int i = 0; i < cut->loss_count; i++)
+        cut->links.lost[cut->losses[i].tet] = cut->losses[i].points;
 }
 
 /* A record of a piece with these points; 0: of one that nothing is left of. */

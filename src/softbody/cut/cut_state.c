@@ -199,6 +199,10 @@ static int sbi_cut_reserve_loaded(sb_cut *cut, int count)
     sbi_cut_link *items;
     int *table;
     links->count = 0;
+    if (!links->lost)
+        links->lost = (uint64_t *)sbi_alloc(&cut->allocator, (size_t)cut->tet_count, sizeof *links->lost);
+    if (!links->lost)
+        return 0;
     if (capacity > links->capacity) {
         items = (sbi_cut_link *)sbi_alloc(&cut->allocator, (size_t)capacity, sizeof *items);
         table = (int *)sbi_alloc(&cut->allocator, (size_t)sbi_cut_links_table(capacity), sizeof *table);
@@ -236,7 +240,7 @@ static sb_result sbi_cut_check_links(sb_cut *cut, sbi_part_in *in, sb_error *err
             key.at[2] >= cut->node_end || sbi_cut_links_find(&cut->loaded_links, &key) >= 0)
             return sbi_cut_damaged("links", error);
         sbi_cut_links_add(&cut->loaded_links, &key, t, state);
-        cut->loaded_links.items[i].charred = charred;
+        cut->loaded_links.items[i].charred = (short)charred;
     }
     return in->bad ? sbi_cut_damaged("links", error) : SB_OK;
 }

@@ -13,7 +13,7 @@
 #include "../base/sort.h"
 
 enum {
-    SBI_CUT_SAMPLES = 256,    /* of a stroke, that there is room for from the start */
+    SBI_CUT_SAMPLES = 384,    /* of a stroke, that there is room for from the start */
     SBI_CUT_MOST_EDGE = 65536 /* corners */
 };
 
@@ -234,7 +234,7 @@ static void sbi_cut_add_corner(sb_cut *cut, int corner, int corners, sb_vec3 p, 
     sample->side = sbi_min_int(corner, corners - 2);
     sample->along = corner == corners - 1;
     sample->place = p;
-    if (sbi_cut_settle_among(cut, &cut->at_edge, p, 0, sample) < 0)
+    if (sbi_cut_settle_among(cut, &cut->listed, p, 0, sample) < 0)
         (void)sbi_cut_settle_among(cut, &cut->near, p, cut->element_size, sample);
 }
 
@@ -350,7 +350,7 @@ static int sbi_cut_add_among(sb_cut *cut, const sbi_cut_list *tets, sb_real beyo
 static int sbi_cut_add_side(sb_cut *cut, const sb_vec3 ends[2], int side, int *count)
 {
     cut->span_count = 0;
-    return sbi_cut_add_among(cut, &cut->at_edge, 0, ends, side, count) &&
+    return sbi_cut_add_among(cut, &cut->listed, 0, ends, side, count) &&
            (sbi_cut_is_inside(cut) || sbi_cut_add_among(cut, &cut->near, sbi_cut_skin, ends, side, count));
 }
 
@@ -358,10 +358,10 @@ static int sbi_cut_add_side(sb_cut *cut, const sb_vec3 ends[2], int side, int *c
 static void sbi_cut_list_at_edge(sb_cut *cut, const sb_vec3 *edge, int corners)
 {
     sbi_cut_box box = sbi_cut_box_around(edge, corners);
-    cut->at_edge.count = 0;
+    cut->listed.count = 0;
     for (int i = 0; i < cut->near.count; i++)
         if (sbi_cut_meets_tet(cut, cut->near.items[i], &box))
-            cut->at_edge.items[cut->at_edge.count++] = cut->near.items[i];
+            cut->listed.items[cut->listed.count++] = cut->near.items[i];
 }
 
 static int sbi_cut_is_sooner(const void *context, int a, int b)

@@ -82,7 +82,7 @@ SBI_API void sbi_cut_take_back(sb_cut *cut, int count)
     while (cut->receded_count > 0) {
         const sbi_cut_receded *was = cut->receded + --cut->receded_count;
         cut->links.items[was->item].t = was->t;
-        cut->links.items[was->item].charred = was->charred;
+        cut->links.items[was->item].charred = (short)was->charred;
     }
     sbi_cut_links_truncate(&cut->links, count);
 }
@@ -479,12 +479,12 @@ static int sbi_cut_sweep_tet(const sbi_cut_sweep_work *work, int tet, sbi_cut_hi
     return count;
 }
 
-/* near_hits: number of hits of each near tet, then where they begin. */
+/* listed: number of hits of each near tet, then where they begin. */
 static void sbi_cut_sweep_task(void *user, int task)
 {
     const sbi_cut_sweep_work *work = (const sbi_cut_sweep_work *)user;
     sb_cut *cut = work->cut;
-    int *hits = cut->near_hits.items;
+    int *hits = cut->listed.items;
     int end = sbi_min_int(SBI_CUT_NEARS * (task + 1), cut->near.count);
     for (int i = SBI_CUT_NEARS * task; i < end; i++) {
         if (!work->fills)
@@ -553,7 +553,7 @@ SBI_API int sbi_cut_sweep(sb_cut *cut, const sbi_crossing_frame *frame, int part
     work.part = part;
     work.fills = 0;
     sbi_run(&cut->body->jobs, sbi_cut_sweep_task, &work, tasks);
-    count = sbi_cut_sum(cut->near_hits.items, cut->near.count);
+    count = sbi_cut_sum(cut->listed.items, cut->near.count);
     if (!count)
         return 1;
     if (!sbi_cut_reserve_hits(cut, count))

@@ -406,7 +406,7 @@ SBI_API void sbi_cut_clear(sb_cut *cut)
     memset(cut->tet_marks, 0, (size_t)cut->tet_count);
     memset(cut->node_marks, 0, (size_t)cut->node_end);
     memset(cut->cell_of, 0, (size_t)cut->tet_count * sizeof(int));
-    cut->touched.count = cut->parted.count = cut->cell_count = 0;
+    cut->touched.count = cut->listed.count = cut->cell_count = cut->loss_count = 0;
 }
 
 /* Where glue has been released between pieces that stay. */
@@ -425,9 +425,9 @@ static sb_result sbi_cut_release(sb_cut *cut, sb_error *error)
 /* Records of all pieces about what has parted or been released; 0: no memory. */
 static int sbi_cut_make_records(sb_cut *cut)
 {
-    if (cut->parted.count == 0 && cut->next_glue_count == cut->glue_count)
+    if (cut->listed.count == 0 && cut->next_glue_count == cut->glue_count)
         return 1;
-    if (cut->parted.count > 0) {
+    if (cut->listed.count > 0) {
         if (!sbi_cut_add_tets(cut))
             return 0;
         sbi_cut_join_all(cut);
