@@ -1326,7 +1326,8 @@ typedef struct ndl_step_info {
  * ndl_needle_create, which takes the step back first, or until a saved state is loaded. Steps that do without memory
  * they asked for (info->blocked) are not repeated by a recording that has it.
  *
- * A step is divided where a tip comes to an edge of a membrane or a command is fast, and where it fails as a whole: the
+ * A step is divided where a tip comes to an edge of a membrane, and would go past it by more than a quarter of the
+ * membrane's thickness, or a command is fast, and where it fails as a whole: the
  * rod would fold, tissue would turn inside out, or of hyperelastic tissue max_newton iterations do not bring it to
  * where the needle has gone (what is read of a needle is never the force of that gap). Supports and tools of an
  * sb_contact go evenly over its parts, and what tools feel, as a blade's forces, is of the step that was made, whatever
@@ -13676,7 +13677,8 @@ NDLI_API void ndli_needle_aim(ndl_needle *needle, const ndl_command *command, do
 /* ==== src/needle/needle_membrane.c ==== */
 /* needle_membrane: faces between regions that take more force to puncture: where they are, what they add to what the
  * tip has to cut, and where on its way that changes. A step ends a substep there: a tip that runs through a membrane
- * within one step would never feel it. */
+ * within one step would never feel it. One that ends soon after needs none: what the tip feels of the membrane begins
+ * or ends less than a step later, and is as much. */
 
 #include <string.h>
 
@@ -13820,18 +13822,24 @@ NDLI_API double ndli_needle_membranes_at(const ndl_needle *needle, sb_vec3 X)
  */
 static const double ndli_membrane_slack = 0.02, ndli_membrane_least_stride = 1.0 / 64;
 
+/* Of a membrane's thickness: how far past an edge of one a step may take a tip. Of a skin, which is felt over half of
+ * its thickness, that leaves half. */
+static const double ndli_membrane_most_past = 0.25;
+
 /* The way at which the tip comes into, or out of, where this one is felt (m, a little past it); `length`: nowhere. The
  * distance to a surface changes by no more than one goes: by so much one may go on. */
 static double ndli_membrane_edge(const ndli_capsule *capsule, ndli_v3 X, ndli_v3 way, double length)
 {
-    double slack = fmax(ndli_membrane_slack * (double)capsule->def.thickness, ndli_membrane_least_stride * length);
+    double thickness = (double)capsule->def.thickness, stride = ndli_membrane_least_stride * length;
+    double slack = fmax(ndli_membrane_slack * thickness, stride),
+           most = fmax(ndli_membrane_most_past * thickness, stride);
     double clear = ndli_membrane_clearance(capsule, X, length), gone = 0;
     int within = clear <= 0;
     while (gone < length && (clear <= 0) == within) {
         gone += fmax(fabs(clear), slack);
         clear = ndli_membrane_clearance(capsule, ndli_madd(X, gone / length, way), length);
     }
-    return gone + slack < length ? gone : length;
+    return gone + most < length ? gone : length;
 }
 
 /* Share of the way between two points of the material at which what membranes ask for changes, or a little more; 1:
@@ -13865,16 +13873,16 @@ static ndli_v3 ndli_membrane_way(const ndl_needle *needle, ndli_v3 *X)
     return ndli_sub(ndli_from(to), *X);
 }
 
-/* Slack of the skin, where that is a membrane (m); -1: it is none. */
+/* Thickness of the skin, where that is a membrane (m); -1: it is none. */
 static double ndli_membrane_skin(const ndl_needle *needle)
 {
-    double slack = -1;
+    double thickness = -1;
     for (int i = 0; i < needle->capsule_count; i++) {
         const ndl_membrane *membrane = &needle->capsules[i].def;
         if (membrane->regions[0] < 0 || membrane->regions[1] < 0)
-            slack = ndli_membrane_slack * (double)membrane->thickness;
+            thickness = (double)membrane->thickness;
     }
-    return slack;
+    return thickness;
 }
 
 /* How far a tip has come through the skin that was outside (m). */
@@ -13895,8 +13903,9 @@ static double ndli_membrane_past_skin(const ndl_needle *needle)
 /* The same of a tip that was outside, and went `way` (m). */
 static double ndli_membrane_share_to_skin(const ndl_needle *needle, double way)
 {
-    double slack = ndli_membrane_skin(needle), past = slack < 0 ? 0 : ndli_membrane_past_skin(needle);
-    return past > 2 * slack && past < way ? 1 - (past - slack) / way : 1;
+    double thickness = ndli_membrane_skin(needle), past = thickness < 0 ? 0 : ndli_membrane_past_skin(needle);
+    return past > ndli_membrane_most_past * thickness && past < way ? 1 - (past - ndli_membrane_slack * thickness) / way
+                                                                    : 1;
 }
 
 NDLI_API double ndli_needle_share_to_edge(const ndl_needle *needle, double dt)

@@ -1,7 +1,7 @@
 /* Needles that the body holds at rows of its nodes: elements of any kind, cut or not, the same forces whatever the
  * mesh, several needles in an element; nothing of the mesh moves. States and recordings: test_needle_state; curved
  * skin: test_needle_entry. */
-#include "needle_scene.h"
+#include "needle_stiffness.h"
 
 static const double dt = 0.02, speed = 0.01;
 
@@ -58,31 +58,11 @@ static void test_law(void)
 static double stiffness_in(sb_element_type type, const int cells[3], double shake, ndl_rod_preset preset, double young)
 {
     needle_scene s = held_scene(type);
-    const double way = 0.0005;
-    double result = 0;
-    ndl_command aside = needle_command(0, 0);
-    s.size = sb_v3(REAL(0.07), REAL(0.07), REAL(0.07));
     for (int c = 0; c < 3; c++)
         s.cells[c] = cells[c];
     s.shake = shake;
-    s.materials[0].young = REAL(young), s.materials[0].poisson = REAL(0.45);
-    s.frictions[0].friction = s.frictions[0].cutting = 0;
-    ndl_rod_section_preset(preset, &s.needle_def.section);
-    s.needle_def.base = sb_v3(REAL(0.0353), REAL(0.0341), REAL(0.082));
-    s.needle_def.length = REAL(0.011);
-    s.body_def.max_iterations = 2000;
-    aside.velocity.x = REAL(way / 0.2);
-    if (needle_scene_make(&s) && needle_scene_run(&s, 0.05, 46, needle_command(0.02, 0))) {
-        sb_vec3 before, after;
-        ndl_needle_base_wrench(s.needles[0], &before, NULL);
-        needle_scene_run(&s, 0.05, 4, aside);
-        needle_scene_run(&s, 0.05, 16, needle_command(0, 0));
-        ndl_needle_base_wrench(s.needles[0], &after, NULL);
-        result = (double)(after.x - before.x) / way;
-        CHECK_NEAR(ndl_needle_depth(s.needles[0]), 0.045, 1e-4);
-    }
-    needle_scene_free(&s);
-    return result;
+    needle_make_deep(&s, preset, young);
+    return needle_side_stiffness(&s, 16);
 }
 
 static double stiffness(sb_element_type type, int cells, ndl_rod_preset preset, double young)

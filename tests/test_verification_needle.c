@@ -1,7 +1,8 @@
 /* Needles in tissue against closed forms: friction and cutting, lateral and axial stiffness over the mesh's edges,
  * curvature of both bevel laws, spinning bevels, the way that was cut, membranes over the time step, needles side by
- * side, mixtures. Held by springs (NDL_EMBED). */
-#include "needle_scene.h"
+ * side, entries into curved skin and beside edges, mixtures, feeds of any speed, tiny steps, a rod near its buckling
+ * load. Held by springs (NDL_EMBED). */
+#include "needle_stiffness.h"
 #include "verification.h"
 
 static const double dt = 0.02, speed = 0.01;
@@ -87,27 +88,8 @@ static void test_template(void)
 static double stiffness(int cells, ndl_rod_preset preset, double young)
 {
     needle_scene s = make_scene(SB_TET4, cells);
-    const double way = 0.0005;
-    double result = 0;
-    ndl_command aside = needle_command(0, 0);
-    s.size = sb_v3(REAL(0.07), REAL(0.07), REAL(0.07));
-    s.materials[0].young = REAL(young), s.materials[0].poisson = REAL(0.45);
-    s.frictions[0].friction = s.frictions[0].cutting = 0;
-    ndl_rod_section_preset(preset, &s.needle_def.section);
-    s.needle_def.base = sb_v3(REAL(0.0353), REAL(0.0341), REAL(0.082));
-    s.needle_def.length = REAL(0.011);
-    s.body_def.max_iterations = 2000;
-    aside.velocity.x = REAL(way / 0.2);
-    if (needle_scene_make(&s) && needle_scene_run(&s, 0.05, 46, needle_command(0.02, 0))) {
-        sb_vec3 before, after;
-        ndl_needle_base_wrench(s.needles[0], &before, NULL);
-        needle_scene_run(&s, 0.05, 4, aside);
-        needle_scene_run(&s, 0.05, 10, needle_command(0, 0));
-        ndl_needle_base_wrench(s.needles[0], &after, NULL);
-        result = (double)(after.x - before.x) / way;
-    }
-    needle_scene_free(&s);
-    return result;
+    needle_make_deep(&s, preset, young);
+    return needle_side_stiffness(&s, 10);
 }
 
 static void test_stiffness(void)
@@ -316,8 +298,277 @@ static void test_membranes(void)
     }
 }
 
+/* ---- entries ---- */
+
+static const double pi = 3.14159265358979;
+
+/* A needle whose tip is 1 mm before the skin at `at`, at `tilt` (rad) from its outer normal; NULL: it would begin in
+ * the tissue. */
+static ndl_needle *aim_at(sb_body *body, const ndl_friction *friction, sb_vec3 at, sb_vec3 normal, double tilt,
+                          unsigned long long *seed)
+{
+    ndl_needle_def def = ndl_default_needle_def();
+    ndl_needle *needle = NULL;
+    double turn = check_random_in(seed, 0, 2 * pi);
+    sb_vec3 side = sb_v3_cross(normal, sb_abs(normal.x) < REAL(0.7) ? sb_v3(1, 0, 0) : sb_v3(0, 1, 0)), other;
+    side = sb_v3_scale(1 / sb_v3_norm(side), side);
+    other = sb_v3_cross(normal, side);
+    side = sb_v3_add(sb_v3_scale(REAL(cos(turn)), side), sb_v3_scale(REAL(sin(turn)), other));
+    def.body = body;
+    def.follow = NDL_EMBED;
+    def.frictions = friction;
+    def.friction_count = 1;
+    def.direction = sb_v3_madd(sb_v3_scale(REAL(-cos(tilt)), normal), REAL(sin(tilt)), side);
+    def.length = REAL(0.012);
+    def.base = sb_v3_madd(at, REAL(-0.013), def.direction);
+    ndl_rod_section_preset(check_random(seed) < 0.5 ? NDL_STYLET_18G : NDL_NITINOL_083, &def.section);
+    return ndl_needle_create(&def, &needle, NULL) == SB_OK ? needle : NULL;
+}
+
+/* Most force on the hand over three times the law and 0.2 N, in any of 15 steps of 0.4 mm. */
+static double enter(sb_body *body, ndl_needle *needle, const ndl_friction *f)
+{
+    const ndl_command command = needle_command(2 * speed, 0);
+    double most = 0;
+    for (int i = 0; i < 15; i++) {
+        sb_vec3 force;
+        double right;
+        if (!CHECK_OK(ndl_step(body, &needle, 1, REAL(dt), &command, NULL, NULL)))
+            break;
+        ndl_needle_base_wrench(needle, &force, NULL);
+        right = (double)f->cutting + (double)f->friction * (double)ndl_needle_depth(needle);
+        most = verify_worse(most, (double)sb_v3_norm(force) / (3 * right + 0.2));
+    }
+    return most;
+}
+
+/* So many random entries of one organ, which is at rest before each; most of them all. place: a place of the skin, its
+ * normal, and an angle from that. */
+static double enter_often(const sb_mesh *mesh, int wanted,
+                          double (*place)(unsigned long long *seed, sb_vec3 *at, sb_vec3 *normal))
+{
+    static const ndl_friction friction = {20, 0, REAL(0.3), 0, 0};
+    sb_body_def def = needle_scene_body_def();
+    unsigned long long seed = 31;
+    sb_body *body = NULL;
+    double most = 0;
+    int entries = 0;
+    def.slack = 0;
+    def.material = sb_material_corotated(15000, REAL(0.45), 1000);
+    def.mesh = mesh;
+    if (!CHECK_OK(sb_body_create(&def, &body, NULL)))
+        return 0;
+    for (int i = 0; i < mesh->node_count; i++)
+        if (mesh->nodes[i].z < REAL(-0.019))
+            CHECK_OK(sb_body_hold(body, &i, 1, SB_XYZ, NULL));
+    for (int i = 0; i < 3 * wanted && entries < wanted; i++) {
+        sb_vec3 at, normal;
+        double tilt = place(&seed, &at, &normal);
+        ndl_needle *needle = aim_at(body, &friction, at, normal, tilt, &seed);
+        if (!needle)
+            continue;
+        most = verify_worse(most, enter(body, needle, &friction));
+        ndl_needle_destroy(needle);
+        sb_body_reset(body);
+        entries++;
+    }
+    CHECK_INT(entries, wanted);
+    sb_body_destroy(body);
+    return most;
+}
+
+static const sb_real radii[3] = {REAL(0.04), REAL(0.03), REAL(0.025)};
+
+static sb_real ellipsoid_distance(void *user, sb_vec3 x)
+{
+    const double q[3] = {(double)(x.x / radii[0]), (double)(x.y / radii[1]), (double)(x.z / radii[2])};
+    double square = q[0] * q[0] + q[1] * q[1] + q[2] * q[2], slope = 0;
+    (void)user;
+    for (int c = 0; c < 3; c++)
+        slope += q[c] * q[c] / ((double)radii[c] * (double)radii[c]);
+    return slope > 0 ? REAL(sqrt(square) * (sqrt(square) - 1) / sqrt(slope)) : -radii[2];
+}
+
+/* Anywhere but below, at up to 70 degrees. */
+static double place_on_ellipsoid(unsigned long long *seed, sb_vec3 *at, sb_vec3 *normal)
+{
+    double turn = check_random_in(seed, 0, 2 * pi), up = check_random_in(seed, -0.2, 1), flat = sqrt(1 - up * up);
+    sb_vec3 n = sb_v3(REAL(flat * cos(turn)) / radii[0], REAL(flat * sin(turn)) / radii[1], REAL(up) / radii[2]);
+    *at = sb_v3(n.x * radii[0] * radii[0], n.y * radii[1] * radii[1], n.z * radii[2] * radii[2]);
+    *normal = sb_v3_scale(1 / sb_v3_norm(n), n);
+    return check_random_in(seed, 0, 70 * pi / 180);
+}
+
+/* Of a block's side, 2 to 8 mm below its upper edge, at up to 86 degrees. */
+static double place_below_edge(unsigned long long *seed, sb_vec3 *at, sb_vec3 *normal)
+{
+    double below = check_random_in(seed, 0.002, 0.008);
+    *at = sb_v3(REAL(0.03), REAL(check_random_in(seed, -0.02, 0.02)), REAL(0.02 - below));
+    *normal = sb_v3(1, 0, 0);
+    return check_random_in(seed, 0, 86 * pi / 180);
+}
+
+static void test_curved(void)
+{
+    sb_stuff_def def = sb_default_stuff_def();
+    sb_shape shape;
+    sb_mesh mesh;
+    memset(&shape, 0, sizeof shape);
+    shape.distance = ellipsoid_distance;
+    shape.max_slope = 1;
+    def.shapes = &shape;
+    def.shape_count = 1;
+    def.low = sb_v3(REAL(-0.05), REAL(-0.05), REAL(-0.05));
+    def.high = sb_v3(REAL(0.05), REAL(0.05), REAL(0.05));
+    def.cell = REAL(0.012);
+    if (!CHECK_OK(sb_mesh_stuff(&def, &mesh, NULL, NULL)))
+        return;
+    verify("500 entries into curved skin, at up to 70 degrees", "tet4, cells of 12 mm, 15 kPa",
+           "cutting + friction x depth", "most force / (3 x that + 0.2 N), in any step", 0,
+           enter_often(&mesh, 500, place_on_ellipsoid), 1);
+    sb_mesh_free(&mesh);
+}
+
+static void test_edges(void)
+{
+    const sb_vec3 size = {REAL(0.06), REAL(0.05), REAL(0.04)};
+    sb_mesh mesh;
+    if (!CHECK_OK(sb_mesh_beam(SB_TET4, 5, 4, 3, size, NULL, &mesh, NULL)))
+        return;
+    for (int i = 0; i < mesh.node_count; i++)
+        mesh.nodes[i] = sb_v3_madd(mesh.nodes[i], REAL(-0.5), size);
+    verify("100 entries 2 to 8 mm below an edge, at up to 86 degrees", "tet4, edges of 12 mm, 15 kPa",
+           "cutting + friction x depth", "most force / (3 x that + 0.2 N), in any step", 0,
+           enter_often(&mesh, 100, place_below_edge), 1);
+    sb_mesh_free(&mesh);
+}
+
+/* ---- mixtures, speeds, tiny steps ---- */
+
+static sb_real below_distance(void *user, sb_vec3 x)
+{
+    (void)user;
+    return x.z - REAL(0.0253);
+}
+
+/* Two tissues whose border runs through elements, each of its own friction: no element is of one alone there. */
+static void test_mixture(void)
+{
+    needle_scene s = make_scene(SB_TET4, 4);
+    sb_mixture_def def = sb_default_mixture_def();
+    sb_shape shape;
+    sb_mixture mixture;
+    double right, upper = 0.04 - 0.0253;
+    memset(&shape, 0, sizeof shape);
+    shape.distance = below_distance;
+    shape.max_slope = 1;
+    shape.region = 1;
+    s.shake = 0;
+    s.mesh = scene_box(s.type, 4, 4, 4, s.size, 0);
+    def.mesh = &s.mesh;
+    def.shapes = &shape;
+    def.shape_count = 1;
+    if (!CHECK_OK(sb_mixture_create(&def, &mixture, NULL)))
+        return;
+    s.body_def.mesh = &mixture.body_mesh;
+    s.body_def.domain = &mixture.domain;
+    s.body_def.material = needle_scene_material_of(&s, 0);
+    s.frictions[1].friction = 60;
+    s.needle_def.frictions = s.frictions;
+    s.needle_def.friction_count = 2;
+    if (CHECK_OK(sb_body_create(&s.body_def, &s.body, &s.error))) {
+        for (int i = 0; i < s.mesh.node_count; i++)
+            if (needle_scene_is_side(&s, s.mesh.nodes[i]))
+                CHECK_OK(sb_body_hold(s.body, &i, 1, SB_XYZ, NULL));
+        if (needle_scene_add(&s, sb_v3(0, 0, 0)) && needle_scene_run(&s, 2 * dt, 85, needle_command(speed, 0))) {
+            right = (double)s.frictions[0].cutting + 20 * upper + 60 * ((double)ndl_needle_depth(s.needles[0]) - upper);
+            verify("needle 33 mm deep, in two tissues whose border runs through elements", "tet4, mixed by volume",
+                   "cutting + friction x depth, of each", "force on the hand (N)", right, needle_push(&s), 0.05);
+        }
+    }
+    needle_scene_free(&s);
+    sb_mixture_free(&mixture);
+}
+
+static void test_speed(void)
+{
+    static const double speeds[3] = {0.005, 0.02, 0.1};
+    for (int k = 0; k < 3; k++) {
+        needle_scene s = make_scene(SB_TET4, 4);
+        char name[80];
+        snprintf(name, sizeof name, "needle 23 mm deep, fed at %g mm/s", 1e3 * speeds[k]);
+        s.frictions[0].viscous = 100;
+        if (needle_scene_make(&s) && needle_scene_run(&s, 0.0004 / speeds[k], 60, needle_command(speeds[k], 0)))
+            verify(name, "tet4", "cutting + (friction + viscosity x speed) x depth", "force on the hand (N)",
+                   law(&s, 0) + 100 * speeds[k] * (double)ndl_needle_depth(s.needles[0]), needle_push(&s), 0.03);
+        needle_scene_free(&s);
+    }
+}
+
+/* The force after 60 steps of 10 mm/s, four of 1e-12 s among them or none. */
+static double push_past(int tiny_steps)
+{
+    needle_scene s = make_scene(SB_TET4, 4);
+    double push = 0;
+    if (needle_scene_make(&s)) {
+        for (int i = 0; i < 60; i++) {
+            if (tiny_steps && i % 15 == 7)
+                needle_scene_run(&s, SB_REAL_IS_FLOAT ? 1e-5 : 1e-12, 1, needle_command(speed, 0));
+            needle_scene_run(&s, dt, 1, needle_command(speed, 0));
+        }
+        push = needle_push(&s);
+    }
+    needle_scene_free(&s);
+    return push;
+}
+
+static void test_tiny_steps(void)
+{
+    verify("needle 11 mm deep, four steps of 1e-12 s among those of 20 ms", "tet4", "the same without them",
+           "force on the hand (N)", push_past(0), push_past(1), 1e-3);
+}
+
+/* ---- a rod that is pressed ---- */
+
+/* A clamped stylet of 20 cm, its tip pressed by `share` of Euler's load and pushed aside a little: deflection over that
+ * push (m/N). */
+static double pressed(double share)
+{
+    enum { EDGES = 40 };
+    const double length = 0.2, edge = length / EDGES, aside = 1e-5;
+    ndl_rod_def def = ndl_default_rod_def();
+    ndl_rod *rod = NULL;
+    sb_vec3 nodes[EDGES + 2];
+    double load, result = 0;
+    for (int i = 0; i < EDGES + 2; i++)
+        nodes[i] = sb_v3(0, 0, REAL(edge * i));
+    def.nodes = nodes;
+    def.node_count = EDGES + 2;
+    load = share * pi * pi * (double)ndl_rod_stiffness_of(&def.section).bending[0] / (4 * length * length);
+    if (!CHECK_OK(ndl_rod_create(&def, &rod, NULL)))
+        return 0;
+    CHECK_OK(ndl_rod_hold(rod, 0, nodes[0], NULL));
+    CHECK_OK(ndl_rod_hold(rod, 1, nodes[1], NULL));
+    CHECK_OK(ndl_rod_set_force(rod, EDGES + 1, sb_v3(REAL(aside), 0, REAL(-load))));
+    if (CHECK_OK(ndl_rod_solve_static(rod, NULL, NULL)))
+        result = (double)ndl_rod_positions(rod)[EDGES + 1].x / aside;
+    ndl_rod_destroy(rod);
+    return result;
+}
+
+static void test_pressed(void)
+{
+    const double length = 0.2, share = 0.9;
+    ndl_rod_def def = ndl_default_rod_def();
+    double bending = (double)ndl_rod_stiffness_of(&def.section).bending[0], k = 0.5 * pi * sqrt(share) / length;
+    verify("clamped rod pressed by 0.9 of its buckling load", "40 edges", "beam-column: (tan kL - kL) / (k^3 EI)",
+           "deflection / force aside (m/N)", (tan(k * length) - k * length) / (k * k * k * bending), pressed(share),
+           0.02);
+}
+
 static void test_table(void) { verify_table("verification_needle"); }
 
 CHECK_SUITE(verification_needle, {"push", test_push}, {"template", test_template}, {"stiffness", test_stiffness},
             {"bevel", test_bevel}, {"way", test_way}, {"spin", test_spin}, {"membranes", test_membranes},
-            {"table", test_table});
+            {"curved skin", test_curved}, {"edges", test_edges}, {"mixture", test_mixture}, {"speed", test_speed},
+            {"tiny steps", test_tiny_steps}, {"pressed", test_pressed}, {"table", test_table});

@@ -196,7 +196,8 @@ typedef struct ndl_step_info {
  * ndl_needle_create, which takes the step back first, or until a saved state is loaded. Steps that do without memory
  * they asked for (info->blocked) are not repeated by a recording that has it.
  *
- * A step is divided where a tip comes to an edge of a membrane or a command is fast, and where it fails as a whole: the
+ * A step is divided where a tip comes to an edge of a membrane, and would go past it by more than a quarter of the
+ * membrane's thickness, or a command is fast, and where it fails as a whole: the
  * rod would fold, tissue would turn inside out, or of hyperelastic tissue max_newton iterations do not bring it to
  * where the needle has gone (what is read of a needle is never the force of that gap). Supports and tools of an
  * sb_contact go evenly over its parts, and what tools feel, as a blade's forces, is of the step that was made, whatever
