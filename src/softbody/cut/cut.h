@@ -73,10 +73,9 @@
  *
  * Limits:
  * - tet4, and tet10 with straight sides, 4 points and lumped masses. Bent ones are refused by name. With tet10 a call
- *   that parts elements costs as much as making the body anew, and allocates; explicit steps are a tenth of the uncut
- *   ones; tractions stay with the nodes that they were put on, and a face with a pressure cannot be cut
- *   (SB_ERROR_UNSUPPORTED), nor take one afterwards. Strokes through elements that are bent by a blade's way between
- *   two moves may leave crumbs of a lattice point or two.
+ *   that parts elements costs as much as making the body anew, and allocates; tractions stay with the nodes that they
+ * were put on, and a face with a pressure cannot be cut (SB_ERROR_UNSUPPORTED), nor take one afterwards. Strokes
+ * through elements that are bent by a blade's way between two moves may leave crumbs of a lattice point or two.
  * - Slices much thinner than a link fall into crumbs.
  * - Needles in hyperelastic tissue that is cut ring under Newmark: cut under SB_EULER or SB_GENERALISED_ALPHA. Where
  *   light pieces of it are crushed steps are divided, and cost as much more; where that does not help they are refused
@@ -103,8 +102,9 @@
  * - Parts of the mesh that hang together at an edge or a node alone come apart there where an element of that node is
  *   cut.
  * - Slivers of mass make explicit steps short: in bodies that step explicitly crossings keep off the points of the
- *   lattice by a sixteenth of an edge, for masses and stiffness (0.28 to 0.34 of the uncut step in eight random
- *   planes). */
+ *   lattice by a sixteenth of an edge, for masses and stiffness, and a part of a piece's mass is spread evenly over its
+ *   nodes (5 % with tet4, 20 % with tet10): steps are 0.36 of the uncut ones at least in 360 blocks that random planes
+ *   and strips cut, with glue or without. */
 #ifndef SB_CUT_H
 #define SB_CUT_H
 

@@ -233,7 +233,8 @@ SBI_API int sbi_cut_has_material(const sb_cut *cut, const sbi_cut_cell *cell, in
 }
 
 /* How near an end of its link a crossing may be, of the link, for masses and stiffness. Explicit steps are as long as
- * the lightest corner of a piece allows: a sixteenth of the element's edge leaves them a third of the uncut ones. */
+ * the lightest corner of a piece allows: a sixteenth of the element's edge, with what sbi_body_piece_lumps spreads,
+ * leaves them more than a third of the uncut ones. */
 SBI_API sb_real sbi_cut_least(const sb_cut *cut)
 {
     return sbi_body_is_implicit(cut->body) ? 0 : (sb_real)cut->lattice.intervals / 16;

@@ -133,6 +133,13 @@ SBI_API void sbi_piece_lumps(const sbi_piece *piece, int nodes, sb_real volume, 
         masses[a] = volume * sb_max(masses[a], least);
 }
 
+SBI_API void sbi_piece_level(int nodes, sb_real volume, sb_real share, sb_real *masses)
+{
+    const sb_real corner = nodes == 4 ? (sb_real)1 / 4 : (sb_real)1 / 36, middle = (sb_real)4 / 27;
+    for (int a = 0; a < nodes; a++)
+        masses[a] += share * (volume * (a < 4 ? corner : middle) - masses[a]);
+}
+
 SBI_API void sbi_piece_mass(const sbi_piece *piece, int nodes, sb_real volume, sb_real *mass)
 {
     sb_real points[4][3], shape[10];

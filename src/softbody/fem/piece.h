@@ -32,6 +32,9 @@ SBI_API void sbi_piece_points(const sbi_piece *piece, sb_real points[4][3]);
  * tet sum to its own: m_a = int w_a with w_a = L_a, of tet10 5/18 L_a^2 at corners and 2 L_p L_q + 13/54 (L_p^2 +
  * L_q^2) on edges, which are 1/36 and 4/27 on the whole tet. Masses are > 0. load may be NULL. */
 SBI_API void sbi_piece_lumps(const sbi_piece *piece, int nodes, sb_real volume, sb_real *masses, sb_real *load);
+/* Spreads this share of those masses evenly: as in the whole tet, V/4, of tet10 V/36 at corners and 4 V/27 on edges, so
+ * that they still sum to its own. No node of a small piece is then light beside the stiffness that it has. */
+SBI_API void sbi_piece_level(int nodes, sb_real volume, sb_real share, sb_real *masses);
 /* mass[nodes][nodes] (m^3) = int N_a N_b dV: exact of tet4, by the four points of tet10. */
 SBI_API void sbi_piece_mass(const sbi_piece *piece, int nodes, sb_real volume, sb_real *mass);
 #endif
