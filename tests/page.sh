@@ -1,8 +1,8 @@
 #!/bin/sh
 # The page of examples/web: run as `tests/page.sh FOLDER` from the root. Its wasm does natively what C does, and a headless Chromium
-# shows it. MAKE, CC, CLANG from the environment; what is missing is a skip. Ends with `N passed, N failed, N skipped`.
+# shows it. MAKE, CLANG from the environment; what is missing is a skip. Ends with `N passed, N failed, N skipped`.
 folder=$1
-make=${MAKE:-make} cc=${CC:-cc} clang=${CLANG:-clang}
+make=${MAKE:-make} clang=${CLANG:-clang}
 passed=0 failed=0 skipped=0
 mkdir -p "$folder"
 
@@ -34,7 +34,7 @@ report $? "the page in one file, under 1 MB compressed"
 
 if command -v node >/dev/null; then
     # Hashes of the state too, but after the needle, whose rod takes sines from each system's own library.
-    $cc -std=c99 -O1 -ffp-contract=off -DSB_ELEMENT=SB_TET4 -I. tests/web/native.c -lm -o "$folder/native" &&
+    "$clang" -std=c99 -O0 -ffp-contract=off -DSB_ELEMENT=SB_TET4 -I. tests/web/native.c -lm -o "$folder/native" &&
         "$folder/native" >"$folder/native.txt" && node tests/web/page.mjs build/page.wasm >"$folder/wasm.txt" &&
         sed 's/^3 [0-9a-f]*/3/' "$folder/native.txt" >"$folder/native.same" &&
         sed 's/^3 [0-9a-f]*/3/' "$folder/wasm.txt" | diff "$folder/native.same" - && [ "$(wc -l <"$folder/native.same")" = 4 ]
