@@ -1024,6 +1024,11 @@ NDL_API sb_result ndl_push_choose(const ndl_push_def *def, const sb_mat3 *compli
  *     }
  *     (insert along guide.direction from guide.entry, all pushes going on)
  *
+ * A plan is for tissue that no needle moves. In a body a needle takes the target with it, tissue bends it: carry the
+ * plan out in a simulation, put def.target off by where the target's material then is less the tip, make it again, and
+ * so on until the tip meets it. In tests/test_guide_body.c targets are missed by 0.6 to 1.8 mm at first, by 0.02 to
+ * 0.24 mm after the second plan and by at most 1 um after the fourth.
+ *
  * Sources: Chentanez 2010, 12.2.2; Torabi et al. 2009: points of interest are where sensitive tissue enters a cylinder
  * about the path, one for each place where it is deepest; the deepest is moved out of the way first, the target onto
  * the path last; of many paths the one that asks for the least force is taken. */
@@ -1327,12 +1332,12 @@ typedef struct ndl_step_info {
  * they asked for (info->blocked) are not repeated by a recording that has it.
  *
  * A step is divided where a tip comes to an edge of a membrane, and would go past it by more than a quarter of the
- * membrane's thickness, or a command is fast, and where it fails as a whole: the
- * rod would fold, tissue would turn inside out, or of hyperelastic tissue max_newton iterations do not bring it to
- * where the needle has gone (what is read of a needle is never the force of that gap). Supports and tools of an
- * sb_contact go evenly over its parts, and what tools feel, as a blade's forces, is of the step that was made, whatever
- * was tried before. In parts cut short by a membrane a tool that just comes to the tissue feels the parts' shorter
- * time: up to 8 % of the force that it has later (measured in 8 scenes).
+ * membrane's thickness, or a command is fast, and where it fails as a whole: the rod would fold, tissue would turn
+ * inside out, or of hyperelastic tissue max_newton iterations do not bring it to where the needle has gone (what is
+ * read of a needle is never the force of that gap). Supports and tools of an sb_contact go evenly over its parts, and
+ * what tools feel, as a blade's forces, is of the step that was made, whatever was tried before. In parts cut short by
+ * a membrane a tool that just comes to the tissue feels the parts' shorter time: up to 8 % of the force that it has
+ * later (measured in 8 scenes).
  *
  * The linear systems of the body's own step are solved together with needles and friction (see couple.h), to its
  * tolerance: one where it is linearised (max_newton 1), otherwise until body, needles and friction balance. Needles are

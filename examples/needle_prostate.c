@@ -342,25 +342,44 @@ static void draw_needle(const work *w, picture *p)
         picture_add_capsule(p, x[i], x[i + 1], 0.0008, picture_web(0x2f6f9f)); /* twice as thick as it is */
 }
 
-/* The tets of the prostate, or all others, as a mesh that borrows the nodes; its elements are the caller's to free. */
-static sb_mesh part_of(const work *w, const tissue_copy *copy, int prostate)
+/* What is drawn by itself: tissue coloured by displacement, the prostate and the lesion each in one colour. */
+typedef enum drawn_part { DRAW_TISSUE = 0, DRAW_PROSTATE = 1, DRAW_LESION = 2, DRAW_COUNT = 3 } drawn_part;
+
+static const unsigned part_colours[DRAW_COUNT] = {0, 0x8fb8b0, 0xb5533c};
+
+/* Of each element the part that it is drawn with: the lesion's are those that have more than half of it. Its surface is
+ * drawn as the mesh has it. The caller's to free; NULL: no memory. */
+static unsigned char *list_parts(const work *w, const tissue_copy *copy)
+{
+    const sb_mixture *lesion = &w->body.lesion;
+    unsigned char *parts = (unsigned char *)malloc((size_t)copy->mesh.element_count + 1);
+    for (int e = 0; parts && e < copy->mesh.element_count; e++)
+        parts[e] = copy->mesh.regions[e] == w->body.prostate ? DRAW_PROSTATE : DRAW_TISSUE;
+    for (int k = 0; parts && w->body.has_lesion && k < lesion->body_mesh.element_count; k++)
+        if (lesion->body_mesh.regions[k] == PHANTOM_LESION && lesion->shares[k] > REAL(0.5))
+            parts[lesion->elements[k]] = DRAW_LESION;
+    return parts;
+}
+
+/* The tets of a part, as a mesh that borrows the nodes; its elements are the caller's to free. */
+static sb_mesh part_of(const tissue_copy *copy, const unsigned char *parts, drawn_part which)
 {
     sb_mesh part = copy->mesh;
     part.regions = NULL;
     part.elements = (int *)malloc(4 * (size_t)(part.element_count + 1) * sizeof *part.elements);
     part.element_count = 0;
     for (int e = 0; part.elements && e < copy->mesh.element_count; e++)
-        if ((copy->mesh.regions[e] == w->body.prostate) == prostate)
+        if (parts[e] == which)
             memcpy(part.elements + 4 * (size_t)part.element_count++, copy->mesh.elements + 4 * (size_t)e,
                    4 * sizeof *part.elements);
     return part;
 }
 
-/* Surface and section of the prostate, in one colour, or of all else, coloured by displacement (mm). 0: no memory. */
-static int draw_part(const work *w, picture *p, const tissue_copy *copy, int prostate, double limit,
+/* Surface and section of a part, of the tissue coloured by displacement (mm). 0: no memory. */
+static int draw_part(picture *p, const tissue_copy *copy, const unsigned char *parts, drawn_part which, double limit,
                      picture_plane plane)
 {
-    sb_mesh part = part_of(w, copy, prostate);
+    sb_mesh part = part_of(copy, parts, which);
     size_t nodes = (size_t)part.node_count;
     sb_real *moved = (sb_real *)malloc(2 * (nodes + 1) * sizeof *moved), *on_skin = moved + nodes; /* mm */
     sb_boundary boundary;
@@ -376,13 +395,38 @@ static int draw_part(const work *w, picture *p, const tissue_copy *copy, int pro
         sb_boundary_free(&boundary);
         drawn = 1;
     }
-    for (int i = first; i < p->count && prostate; i++) {
+    for (int i = first; i < p->count && which != DRAW_TISSUE; i++) {
         p->triangles[i].is_plain = 1;
-        p->triangles[i].colour = picture_web(0x8fb8b0);
+        p->triangles[i].colour = picture_web(part_colours[which]);
     }
     free(moved);
     free(part.elements);
     return drawn;
+}
+
+/* All of the tissue, cut open; 0: no memory. */
+static int draw_tissue(const work *w, picture *p, const tissue_copy *copy, double limit, picture_plane plane)
+{
+    unsigned char *parts = list_parts(w, copy);
+    int good = parts != NULL;
+    for (int k = 0; k < DRAW_COUNT && good; k++)
+        good = draw_part(p, copy, parts, (drawn_part)k, limit, plane);
+    free(parts);
+    return good;
+}
+
+/* Which colour is what, below the title. */
+static void draw_legend(const work *w, picture *p)
+{
+    static const char *const names[DRAW_COUNT] = {"", "prostate", "lesion"};
+    double x = 0.06 * p->width, y = 0.15 * p->height;
+    for (int k = DRAW_PROSTATE; k < DRAW_COUNT; k++) {
+        if (k == DRAW_PROSTATE ? w->body.prostate < 0 : !w->body.has_lesion)
+            continue;
+        picture_box(p, x, y - 12, x + 12, y, picture_web(part_colours[k]));
+        picture_text(p, x + 20, y, 14, PICTURE_LEFT, picture_ink(), names[k]);
+        x += 40 + picture_text_width(names[k], 14);
+    }
 }
 
 /* Where the tissue is cut open: upright, along the needle's base and tip, just behind all of it. */
@@ -421,7 +465,7 @@ static int draw_picture(work *w)
         most = sb_max(most, 1000 * sb_v3_norm(copy.displacement[copy.mesh.elements[k]]));
     limit = most > 0 ? ceil((double)most) : 1;
     picture_begin(&p, width, height);
-    good = draw_part(w, &p, &copy, 0, limit, plane) && draw_part(w, &p, &copy, 1, limit, plane);
+    good = draw_tissue(w, &p, &copy, limit, plane);
     free_copy(&copy);
     draw_needle(w, &p);
     picture_render(&p, 14, 24);
@@ -431,6 +475,7 @@ static int draw_picture(work *w)
     snprintf(details, sizeof details, "%s tip, %.0f mm deep, cut open at the needle", w->set->tip,
              1e3 * (double)ndl_needle_depth(w->body.needle));
     picture_text(&p, 0.06 * width, 0.115 * height, 14, PICTURE_LEFT, picture_ink(), details);
+    draw_legend(w, &p);
     name_file(w, ".png", path);
     good = good ? picture_save_png(&p, path) : PICTURE_NO_MEMORY;
     picture_end(&p);

@@ -5603,12 +5603,12 @@ public static unsafe class Native
     /// they asked for (info-&gt;blocked) are not repeated by a recording that has it.
     ///
     /// A step is divided where a tip comes to an edge of a membrane, and would go past it by more than a quarter of the
-    /// membrane's thickness, or a command is fast, and where it fails as a whole: the
-    /// rod would fold, tissue would turn inside out, or of hyperelastic tissue max_newton iterations do not bring it to
-    /// where the needle has gone (what is read of a needle is never the force of that gap). Supports and tools of an
-    /// sb_contact go evenly over its parts, and what tools feel, as a blade's forces, is of the step that was made, whatever
-    /// was tried before. In parts cut short by a membrane a tool that just comes to the tissue feels the parts' shorter
-    /// time: up to 8 % of the force that it has later (measured in 8 scenes).
+    /// membrane's thickness, or a command is fast, and where it fails as a whole: the rod would fold, tissue would turn
+    /// inside out, or of hyperelastic tissue max_newton iterations do not bring it to where the needle has gone (what is
+    /// read of a needle is never the force of that gap). Supports and tools of an sb_contact go evenly over its parts, and
+    /// what tools feel, as a blade's forces, is of the step that was made, whatever was tried before. In parts cut short by
+    /// a membrane a tool that just comes to the tissue feels the parts' shorter time: up to 8 % of the force that it has
+    /// later (measured in 8 scenes).
     ///
     /// The linear systems of the body's own step are solved together with needles and friction (see couple.h), to its
     /// tolerance: one where it is linearised (max_newton 1), otherwise until body, needles and friction balance. Needles are

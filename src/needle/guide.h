@@ -13,6 +13,11 @@
  *     }
  *     (insert along guide.direction from guide.entry, all pushes going on)
  *
+ * A plan is for tissue that no needle moves. In a body a needle takes the target with it, tissue bends it: carry the
+ * plan out in a simulation, put def.target off by where the target's material then is less the tip, make it again, and
+ * so on until the tip meets it. In tests/test_guide_body.c targets are missed by 0.6 to 1.8 mm at first, by 0.02 to
+ * 0.24 mm after the second plan and by at most 1 um after the fourth.
+ *
  * Sources: Chentanez 2010, 12.2.2; Torabi et al. 2009: points of interest are where sensitive tissue enters a cylinder
  * about the path, one for each place where it is deepest; the deepest is moved out of the way first, the target onto
  * the path last; of many paths the one that asks for the least force is taken. */
