@@ -340,6 +340,19 @@ SBI_API sb_result sbi_body_remake_preconditioner(sb_body *body, const sb_precond
     return result;
 }
 
+SBI_API sb_result sbi_body_rehearse_preconditioner(sb_body *body, sb_error *error)
+{
+    sb_preconditioner *kept = body->precond;
+    sb_result result = SB_OK;
+    if (!kept || sb_preconditioner_get_info(kept).kind != SB_PRECOND_MULTIGRID)
+        return SB_OK;
+    result = sbi_body_remake_preconditioner(body, kept, error);
+    if (result == SB_OK)
+        sb_preconditioner_free(body->precond);
+    body->precond = kept;
+    return result;
+}
+
 SBI_API sb_result sbi_body_settle_preconditioner(sb_body *body, sb_error *error)
 {
     sb_preconditioner *before = body->precond;

@@ -414,6 +414,10 @@ SBI_API sb_result sbi_body_make_preconditioner(sb_body *body, const sb_body_def 
 SBI_API sb_result sbi_body_remake_preconditioner(sb_body *body, const sb_preconditioner *like, sb_error *error);
 /* After a change of the mesh in place: one that does not follow is made anew. A failure leaves it to the next call. */
 SBI_API sb_result sbi_body_settle_preconditioner(sb_body *body, sb_error *error);
+/* Makes the levels of a multigrid once more and lets them go; the body stays as it is. The first change of the mesh
+ * makes new ones beside those that there are: allocators have that memory at hand then, and do not fetch page after
+ * page. */
+SBI_API sb_result sbi_body_rehearse_preconditioner(sb_body *body, sb_error *error);
 /* Moduli of a matrix of the body's nodes as sb_preconditioner_def has them, to be freed with the body's allocator; NULL
  * where there is one material. young: [material_count] (Pa); NULL: those of the materials now. */
 SBI_API sb_result sbi_body_make_moduli(const sb_body *body, const sb_real *young, const sb_matrix *matrix,

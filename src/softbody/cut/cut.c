@@ -223,6 +223,8 @@ SB_API sb_result sb_cut_create(const sb_cut_def *def, sb_cut **cut, sb_error *er
                              sbi_cut_take_glue(made) && sbi_cut_take_force(made) && sbi_live_take_pieces(made->body)))
         result = sbi_fail(error, SB_ERROR_MEMORY, "no memory for cutting %d cells", made->tet_count);
     if (result == SB_OK)
+        result = sbi_body_rehearse_preconditioner(made->body, error);
+    if (result == SB_OK)
         result = sbi_cut_listen(made, error);
     if (result == SB_OK)
         result = sbi_cut_join_state(made, error);
