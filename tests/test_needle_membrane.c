@@ -125,6 +125,32 @@ static void test_steps(void)
     CHECK(most[0] < 1.06 * least[0] && most[1] < 1.06 * least[1]);
 }
 
+/* Divided are only steps that take a tip past an edge of a membrane by more than a quarter of its thickness, as where
+ * one gives way and the tip jumps; and membranes are felt as much. */
+static void test_whole_steps(void)
+{
+    unsigned long long seed = 43;
+    membrane_case c;
+    needle_scene s = membrane_scene(&c, NDL_EMBED, &seed);
+    const double thickness = 0.002;
+    sb_vec3 X = sb_v3(0, 0, s.size.z);
+    double peak = 0;
+    int divided = 0;
+    c.membranes[0].thickness = c.membranes[1].thickness = REAL(thickness);
+    if (needle_scene_make(&s))
+        while (X.z > REAL(0.014) && needle_scene_run(&s, 0.02, 1, needle_command(0.01, 0))) {
+            sb_vec3 before = X;
+            peak = fmax(peak, (double)s.info.peak_base - 20 * (double)ndl_needle_depth(s.needles[0]));
+            if (ndl_needle_depth(s.needles[0]) > 0)
+                (void)ndl_needle_tip_material(s.needles[0], &X);
+            divided += s.info.substeps > 1;
+            CHECK(s.info.substeps == 1 || (double)(before.z - X.z) > 0.25 * thickness);
+        }
+    needle_scene_free(&s);
+    CHECK(divided <= 1);
+    CHECK_NEAR(peak, 0.5 + fmax((double)c.membranes[0].strength, (double)c.membranes[1].strength), 0.1 * peak);
+}
+
 /* Steps that are divided at a membrane after the mesh has followed the tip in them are taken back so far, and no
  * further: that takes no memory while the mesh keeps to its slack. Counts the divided ones in which the mesh changed.
  */
@@ -189,4 +215,5 @@ static void test_two_needles(void)
 }
 
 CHECK_SUITE(needle_membrane, {"embedded", test_embedded}, {"oblique", test_oblique}, {"remeshed", test_remeshed},
-            {"steps", test_steps}, {"no memory", test_memory}, {"two needles", test_two_needles});
+            {"steps", test_steps}, {"whole steps", test_whole_steps}, {"no memory", test_memory},
+            {"two needles", test_two_needles});
