@@ -359,12 +359,15 @@ SBI_API void sbi_parted_shares(const sbi_parted *parted, sb_real least, sb_real 
 
 SBI_API void sbi_parted_moments(const sbi_parted *parted, sb_real least, sbi_part_moments *moments)
 {
+    const sb_real most_over = SB_EPSILON * SB_REAL_MAX; /* 1 over a share that centres can be divided by */
     memset(moments, 0, (size_t)parted->piece_count * sizeof *moments);
     sbi_parted_first_moments(parted, least, moments);
     for (int k = 0; k < parted->piece_count; k++) {
         int lowest = 0;
         while (!(parted->pieces[k] >> lowest & 1))
             lowest++;
+        if (moments[k].share * most_over < 1) /* films whose share is rounding, in float also denormal */
+            moments[k].share = 0;
         moments[k].centre = moments[k].share > 0 ? sb_v3_scale(1 / moments[k].share, moments[k].centre)
                                                  : sbi_parted_corner(parted->lattice, lowest);
     }
