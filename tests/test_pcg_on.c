@@ -257,5 +257,137 @@ static void test_rest(void)
     check_rest(NULL);
 }
 
-CHECK_SUITE(pcg_on, {"pushes in a few rows", test_pushes}, {"pushes everywhere", test_leaning},
-            {"what can be gone on from", test_may_go_on}, {"a part that comes to rest", test_rest});
+/* ---- better starts ----------------------------------------------------------------------------------------------- */
+
+/* The solution of the beam's system, the start and the bend are sums of it and of anything. */
+static void bend_mix(const on_case *c, const sb_real *solution, double share, unsigned long long *seed, sb_real *start,
+                     sb_real *bend)
+{
+    double size = 0;
+    for (int k = 0; k < c->b.n; k++)
+        size = fmax(size, fabs((double)solution[k]));
+    for (int k = 0; k < c->b.n; k++) {
+        double smooth = 0.1 * (double)(&c->b.positions[k / 3].x)[k % 3], rough = check_random_in(seed, -1, 1);
+        double other =
+            size * (SB_REAL_IS_FLOAT ? smooth : rough); /* forces of rough ones are beyond single precision */
+        int held = c->b.mask[k / 3] >> (k % 3) & 1;
+        start[k] = held ? solution[k] : REAL(share * (double)solution[k] + other);
+        bend[k] = REAL(-2 * (double)solution[k] + 3 * other); /* counts for nothing where motion is prescribed */
+    }
+}
+
+static sb_pcg_info bend_solve(on_case *c, const sb_real *start, const sb_real *bend, double tolerance)
+{
+    sb_pcg_options options = sb_default_pcg_options();
+    sbi_pcg_demand demand = sbi_pcg_step_demand();
+    sb_pcg_info info;
+    options.tolerance = tolerance;
+    demand.bend = bend;
+    memcpy(c->b.x, start, (size_t)c->b.n * sizeof(sb_real));
+    CHECK_OK(
+        sbi_pcg_solve_guests(&c->b.a, c->precond, c->b.rhs, c->b.x, NULL, &options, &c->workspace, &demand, &info));
+    return info;
+}
+
+/* What start and bend span holds the solution: it is found without an iteration, from wherever. */
+static void test_bend_finds(void)
+{
+    const double fine = SB_REAL_IS_FLOAT ? 1e-2 : 1e-9;
+    unsigned long long seed = 5;
+    for (int k = 0; k < KINDS; k++) {
+        on_case c = on_make(kinds[k], 1);
+        size_t bytes = (size_t)c.b.n * sizeof(sb_real);
+        sb_real *solution = (sb_real *)malloc(bytes), *start = (sb_real *)malloc(bytes),
+                *bend = (sb_real *)malloc(bytes);
+        double size;
+        memset(start, 0, bytes);
+        (void)bend_solve(&c, start, NULL, SB_REAL_IS_FLOAT ? 1e-3 : 1e-12);
+        memcpy(solution, c.b.x, bytes);
+        for (int trial = 0; trial < 6; trial++) {
+            bend_mix(&c, solution, trial - 2, &seed, start, bend);
+            CHECK(bend_solve(&c, start, NULL, fine).iterations > 0);
+            CHECK(bend_solve(&c, start, bend, fine).iterations == 0);
+            CHECK(on_residual(&c.b, c.b.x, &size) <= 2 * fine * size);
+        }
+        free(solution);
+        free(start);
+        free(bend);
+        on_free(&c);
+    }
+}
+
+/* Any bend, none, endless ones and ones that are no numbers: the same solution, and the start of old where they are
+ * none. */
+static void test_bend_any(void)
+{
+    const double tolerance = SB_REAL_IS_FLOAT ? 1e-3 : 1e-6;
+    unsigned long long seed = 9;
+    on_case c = on_make(SB_PRECOND_IC0, 1);
+    size_t bytes = (size_t)c.b.n * sizeof(sb_real);
+    sb_real *start = (sb_real *)malloc(bytes), *bend = (sb_real *)malloc(bytes), *plain = (sb_real *)malloc(bytes);
+    for (int k = 0; k < c.b.n; k++)
+        start[k] = c.b.mask[k / 3] ? 0 : REAL(check_random_in(&seed, -1e-3, 1e-3));
+    (void)bend_solve(&c, start, NULL, tolerance);
+    memcpy(plain, c.b.x, bytes);
+    for (int kind = 0; kind < 6; kind++) {
+        static const double sizes[6] = {0, 1e-30, 1, 1e18, HUGE_VAL, -1};
+        double size;
+        for (int k = 0; k < c.b.n; k++)
+            bend[k] = REAL(check_random_in(&seed, -1, 1));
+        for (int k = 0; k < c.b.n; k++)
+            bend[k] =
+                sizes[kind] < 0 ? (sb_real)sqrt(-(double)check_random_in(&seed, 1, 2)) : bend[k] * (sb_real)sizes[kind];
+        (void)bend_solve(&c, start, bend, tolerance);
+        CHECK(on_residual(&c.b, c.b.x, &size) <=
+              1.01 * tolerance * size + (SB_REAL_IS_FLOAT ? 0.3 * tolerance * size : 0));
+        for (int k = 0; k < c.b.n; k++)
+            if (c.b.mask[k / 3])
+                CHECK(c.b.x[k] == plain[k]);
+    }
+    free(start);
+    free(bend);
+    free(plain);
+    on_free(&c);
+}
+
+/* Two tetrahedra, the solution of each of which is another sum: parts have shares of their own. */
+static void test_bend_parts(void)
+{
+    static const int cells[8] = {0, 1, 2, 3, 4, 5, 6, 7};
+    sb_vec3 at[8];
+    sb_real x[24], rhs[24], bend[24];
+    sb_matrix a;
+    sb_pcg_workspace workspace;
+    sb_pcg_info info;
+    sb_pcg_options options = sb_default_pcg_options();
+    sbi_pcg_demand demand = sbi_pcg_step_demand();
+    CHECK_OK(sb_matrix_create(8, 2, 4, NULL, cells, NULL, &a, NULL));
+    for (int i = 0; i < 8; i++)
+        at[i] = sb_v3(REAL(i / 4 + (i % 4 == 1)), REAL(i % 4 == 2), REAL(i % 4 == 3));
+    memset(rhs, 0, sizeof rhs);
+    for (int e = 0; e < 2; e++)
+        beam_add_tet(&a, at, cells + 4 * e, 1, 1, 1, 1, rhs);
+    for (int k = 0; k < 24; k++) {
+        x[k] = REAL(1 + k % 5);
+        bend[k] = REAL(k % 7 - 3);
+    }
+    sb_matrix_multiply(&a, x, rhs, NULL);
+    for (int k = 0; k < 24; k++) { /* 1.5 start - 2 bend, and -3 start + bend / 4 */
+        sb_real was = x[k];
+        x[k] = k < 12 ? (was + 2 * bend[k]) / (sb_real)1.5 : (was - bend[k] / 4) / -3;
+    }
+    CHECK_OK(sb_pcg_workspace_create(8, NULL, &workspace, NULL));
+    demand.bend = bend;
+    options.tolerance = SB_REAL_IS_FLOAT ? 1e-4 : 1e-9;
+    CHECK_OK(sbi_pcg_solve_guests(&a, NULL, rhs, x, NULL, &options, &workspace, &demand, &info));
+    CHECK(info.iterations == 0);
+    for (int k = 0; k < 24; k++)
+        CHECK_NEAR(x[k], 1 + k % 5, SB_REAL_IS_FLOAT ? 1e-3 : 1e-8);
+    sb_pcg_workspace_free(&workspace);
+    sb_matrix_free(&a);
+}
+
+CHECK_SUITE(pcg_on, {"better starts", test_bend_finds}, {"any bend", test_bend_any},
+            {"bends by parts", test_bend_parts}, {"pushes in a few rows", test_pushes},
+            {"pushes everywhere", test_leaning}, {"what can be gone on from", test_may_go_on},
+            {"a part that comes to rest", test_rest});

@@ -270,6 +270,7 @@ static sb_result sbi_step_solve_next(sbi_step *step, sb_real aim, int goes_on)
     demand.nodes = touch->nodes;
     demand.force = touch->force;
     demand.outside = sbi_step_demand_outside(step, aim);
+    demand.bend = NULL;
     return sbi_step_solve_once(step, demand.is_touched || demand.later ? share * aim : aim, &demand);
 }
 

@@ -242,6 +242,13 @@ SBI_API sb_result sbi_step_make_system(sbi_step *step)
     return result;
 }
 
+/* How a linearised step bends away from coasting: as the step before did. */
+static const sb_real *sbi_step_bend(const sbi_step *step)
+{
+    const sb_body *b = step->body;
+    return step->linearised && b->acceleration_known ? &b->acceleration[0].x : NULL;
+}
+
 SBI_API sb_result sbi_step_solve_once(sbi_step *step, sb_real tolerance, const sbi_pcg_demand *demand)
 {
     sb_body *b = step->body;
@@ -249,8 +256,10 @@ SBI_API sb_result sbi_step_solve_once(sbi_step *step, sb_real tolerance, const s
     sb_pcg_options options = sb_default_pcg_options();
     sb_pcg_info pcg = {0, 0, 0, 0, 0};
     sbi_elimination *e = b->elimination;
+    sbi_pcg_demand asked = demand ? *demand : sbi_pcg_step_demand();
     sbi_pcg_extra extra;
     sb_result result;
+    asked.bend = asked.later ? NULL : sbi_step_bend(step);
     b->pcg.extra = NULL;
     if (step->touch)
         sbi_body_lend_touch(b, &extra);
@@ -258,7 +267,7 @@ SBI_API sb_result sbi_step_solve_once(sbi_step *step, sb_real tolerance, const s
     options.max_iterations = step->max_iterations;
     options.jobs = &b->jobs;
     result = sbi_pcg_solve_guests(e ? &e->matrix : &b->matrix, e ? e->precond : b->precond, &b->rhs[0].x,
-                                  &b->increment[0].x, &step->guests, &options, &b->pcg, demand, &pcg);
+                                  &b->increment[0].x, &step->guests, &options, &b->pcg, &asked, &pcg);
     b->pcg.extra = NULL;
     info->pcg_iterations += pcg.iterations;
     step->slow = !step->dynamic && !step->starts && pcg.iterations > SBI_STATIC_SLOW;

@@ -113,7 +113,12 @@ typedef struct sbi_pcg_demand {
     const int *nodes;     /* [node_count] rows, each once */
     const sb_vec3 *force; /* [node_count] (N), at the start x */
     double outside;       /* N: magnitudes of all forces from outside, what touches included; < 0: not looked at */
+    const sb_real
+        *bend; /* [row_count][3] which way the solution may be off the start x, of any length; NULL: not known */
 } sbi_pcg_demand;
+
+/* Of a step without anything special: of the matrix that the preconditioner was updated with. */
+SBI_API sbi_pcg_demand sbi_pcg_step_demand(void);
 
 /* The same for the step of a body, with a preconditioner that was updated with this very matrix. The product in 32 bits
  * is then known to differ by no more than its rounding, and a residual that meets the tolerance with that added needs

@@ -72,6 +72,23 @@ static void sbi_precond_fill_rows(sb_preconditioner *p, const sb_matrix *a, cons
     p->start[p->row_count] = end;
 }
 
+/* Columns of L: of each node the blocks with those eliminated after it, the last first. */
+static void sbi_precond_fill_columns(sb_preconditioner *p)
+{
+    int rows = p->row_count, sum = 0;
+    memset(p->below_start, 0, ((size_t)rows + 1) * sizeof(int));
+    for (int e = 0; e < p->start[rows]; e++)
+        p->below_start[p->columns[e]]++;
+    for (int i = 0; i <= rows; i++)
+        p->below_start[i] = sum += p->below_start[i]; /* where each ends */
+    for (int k = 0; k < rows; k++)
+        for (int e = p->start[k]; e < p->start[k + 1]; e++) {
+            int *to = p->below + 2 * (size_t)--p->below_start[p->columns[e]];
+            to[0] = p->order[k];
+            to[1] = e;
+        }
+}
+
 /* Walks all pairs of the factorisation and counts them; writes the first `room`. in_row [row_count] is scratch of
  * -1. */
 static size_t sbi_precond_list_pairs(const sb_preconditioner *p, const int *place, int *in_row, size_t room)
@@ -147,6 +164,7 @@ static int sbi_precond_fill_lower(sb_preconditioner *p, const sb_matrix *a, int 
     for (int k = 0; k < p->row_count; k++)
         place[p->order[k]] = k;
     sbi_precond_fill_rows(p, a, place);
+    sbi_precond_fill_columns(p);
     return p->kind != SB_PRECOND_IC0 || sbi_precond_make_pairs(p, place, place + p->row_count, lower, may_take);
 }
 
@@ -159,8 +177,10 @@ SBI_API int sbi_precond_make_lower(sb_preconditioner *p, const sb_matrix *a, int
     p->start = sbi_owned_take_ints(&p->owned, rows + 1);
     p->columns = sbi_owned_take_ints(&p->owned, lower);
     p->source = sbi_owned_take_ints(&p->owned, lower);
+    p->below_start = sbi_owned_take_ints(&p->owned, rows + 1);
+    p->below = sbi_owned_take_ints(&p->owned, 2 * lower);
     p->lower = sbi_owned_take_floats(&p->owned, lower, 12);
-    made = place && p->order && p->start && p->columns && p->source && p->lower;
+    made = place && p->order && p->start && p->columns && p->source && p->below_start && p->below && p->lower;
     if (made)
         made = sbi_precond_fill_lower(p, a, halved, place, lower, 1);
     sbi_free(&p->owned.allocator, place);
@@ -399,20 +419,22 @@ static void sbi_precond_forward(const sbi_precond_job *job, int part)
     }
 }
 
-/* result = (I + L)^-T result, by columns of L^T: each row of the part is final when it is met. */
+/* result = (I + L)^-T result, of one part; those after it are done. Each row is gathered, the nearest of its nodes
+ * last: only that one is waited for. Rows that take themselves from those before them wait for every store. */
 static void sbi_precond_backward(const sbi_precond_job *job, int part)
 {
     const sb_preconditioner *p = job->p;
-    const int *start = p->start, *columns = p->columns, *order = p->order;
+    const int *start = p->below_start, *order = p->order, *below = p->below;
     const float *lower = p->lower;
     float *result = p->result;
     for (int k = p->part[part + 1], first = p->part[part]; k-- > first;) {
-        sbi_float4 z = sbi_f4_load(result + 4 * (size_t)order[k]);
-        const float *l = lower + 12 * (size_t)start[k];
-        for (int e = start[k], end = start[k + 1]; e < end; e++, l += 12) {
-            float *to = result + 4 * (size_t)columns[e];
-            sbi_f4_store(to, sbi_f4_sub(sbi_f4_load(to), sbi_f4_rows(z, l)));
+        size_t i = (size_t)order[k];
+        sbi_float4 z = sbi_f4_load(result + 4 * i);
+        for (int b = start[i], end = start[i + 1]; b < end; b++) {
+            const int *from = below + 2 * (size_t)b;
+            z = sbi_f4_sub(z, sbi_f4_rows(sbi_f4_load(result + 4 * (size_t)from[0]), lower + 12 * (size_t)from[1]));
         }
+        sbi_f4_store(result + 4 * i, z);
     }
 }
 

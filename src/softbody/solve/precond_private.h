@@ -91,15 +91,17 @@ struct sb_preconditioner {
     int ready;           /* 1: updated or loaded */
     double matrix_scale; /* power of two that brought the mean diagonal of the smoothed matrix near 1 */
     /* lower triangle by rows, in the order of elimination: two halves that do not touch, then what is between them */
-    int part[4];    /* where they begin in the order, and its end */
-    int *order;     /* [row_count] the node i that is eliminated k-th */
-    int *start;     /* [row_count + 1] of the row of order[k] */
-    int *columns;   /* [lower_count] nodes j of each row, all eliminated before i, in that order */
-    int *source;    /* [lower_count] matrix block (j, i) */
-    float *lower;   /* [lower_count][12] L of M = (I + L) D (I + L)^T */
-    float *inverse; /* [row_count][12] D^-1 */
-    float *middle;  /* [row_count][4] (I + L)^-1 r, or G r */
-    float *result;  /* [row_count][4] z, scaled */
+    int part[4];      /* where they begin in the order, and its end */
+    int *order;       /* [row_count] the node i that is eliminated k-th */
+    int *start;       /* [row_count + 1] of the row of order[k] */
+    int *columns;     /* [lower_count] nodes j of each row, all eliminated before i, in that order */
+    int *source;      /* [lower_count] matrix block (j, i) */
+    int *below_start; /* [row_count + 1] of each node, into: */
+    int *below;       /* [lower_count][2] nodes eliminated after it, the last of them first, and their blocks with it */
+    float *lower;     /* [lower_count][12] L of M = (I + L) D (I + L)^T */
+    float *inverse;   /* [row_count][12] D^-1 */
+    float *middle;    /* [row_count][4] (I + L)^-1 r, or G r */
+    float *result;    /* [row_count][4] z, scaled */
     /* IC0: for each block (i, j) the pairs (i, m), (j, m) with m eliminated before j: place in row i, index of the
      * block (j, m) */
     size_t *pair_start; /* [lower_count + 1] */
