@@ -492,8 +492,10 @@ typedef struct ndl_rod_static_options {
 NDL_API ndl_rod_static_options ndl_default_rod_static_options(void);
 
 /* Finds the equilibrium nearest downhill under the present loads and supports; velocities become 0. Newton with the
- * exact Hessian of stretch, bending and twist where that is positive definite, Gauss-Newton where it is not; steps
- * turn edges rather than stretch them, and a line search lets the energy only fall. Supports move there in pieces
+ * exact Hessian of stretch, bending and twist where that is positive definite; where it is not, the lower end of two
+ * steps: of the same with the least diagonal that makes it so, and of Gauss-Newton. At a buckling load that takes some
+ * 30 iterations, well beyond it up to 110. Steps turn edges rather than stretch them, and a line search lets the energy
+ * only fall. Supports move there in pieces
  * when their way is long. A straight rod under more than its buckling load is in equilibrium and stays so until
  * something pushes it aside. options and info may be NULL. On failure (SB_ERROR_ARGUMENT; SB_ERROR_UNCONSTRAINED:
  * the supports leave the rod free to move; SB_ERROR_NOT_CONVERGED; SB_ERROR_DIVERGED) the rod is as before the call.
@@ -4052,33 +4054,99 @@ static void ndli_rod_carry_frames(ndl_rod *rod)
     }
 }
 
-/* One iteration from try_x, try_theta, which rod->shape is made from, by the first of these whose matrix is positive
- * definite and whose step leads down: exact Hessian, Gauss-Newton, the same with a larger diagonal. 0: there is no way
- * down; all is as before. */
+/* The step of a matrix that is not positive definite, at rest: its diagonal grows by the least share, within a factor
+ * of two, that makes it so. Near buckling one eigenvalue is about 0, next to nothing beside the diagonal, which
+ * stretching has: with more the rod would creep along that motion. 0: no share does. */
+static int ndli_rod_solve_shifted(ndl_rod *rod, const ndli_rod_problem *problem)
+{
+    const double least = 1e-13, most = 0.1; /* from rounding of the diagonal to what changes all of it */
+    double shift = least;
+    int solved;
+    while (!(solved = ndli_rod_solve_step(rod, problem, shift)) && shift < most)
+        shift *= 16;
+    for (double factor = 4; solved && factor > 1.5 && shift > least; factor = sqrt(factor))
+        if (ndli_rod_solve_step(rod, problem, shift / factor))
+            shift /= factor;
+        else
+            solved = ndli_rod_solve_step(rod, problem, shift);
+    return solved;
+}
+
+/* The ways to a step, in their order. */
+typedef enum ndli_rod_way {
+    NDLI_ROD_NEWTON,  /* the exact Hessian */
+    NDLI_ROD_SHIFTED, /* the same made positive definite, at rest; in time the inertia does that */
+    NDLI_ROD_GAUSS,   /* Gauss-Newton, and with larger diagonals */
+    NDLI_ROD_GAUSS_MORE,
+    NDLI_ROD_GAUSS_MOST,
+    NDLI_ROD_WAYS
+} ndli_rod_way;
+
+static int ndli_rod_solve_way(ndl_rod *rod, const ndli_rod_problem *problem, ndli_rod_way way)
+{
+    static const double shifts[NDLI_ROD_WAYS] = {0, 0, 0, 1e-10, 1e-5};
+    ndli_rod_progress again;
+    ndli_rod_balance(rod, problem, way <= NDLI_ROD_SHIFTED ? NDLI_ROD_EXACT : 0, &rod->matrix, &again);
+    if (way == NDLI_ROD_SHIFTED)
+        return ndli_rod_solve_shifted(rod, problem);
+    return ndli_rod_solve_step(rod, problem, shifts[way]);
+}
+
+/* try_x, try_theta and rod->shape of where the iteration began. */
+static void ndli_rod_begin_again(ndl_rod *rod)
+{
+    memcpy(rod->try_x, rod->best_x, (size_t)rod->node_count * sizeof *rod->best_x);
+    memcpy(rod->try_theta, rod->best_theta, (size_t)rod->node_count * sizeof *rod->best_theta);
+    ndli_rod_set_shape(rod, rod->try_x, rod->try_theta);
+}
+
+/* Goes one way, if its matrix is positive definite and its step leads down; try_x, try_theta, rod->shape and progress
+ * are then of where it led. */
+static int ndli_rod_go(ndl_rod *rod, const ndli_rod_problem *problem, ndli_rod_way way, ndli_rod_progress *progress)
+{
+    int moving = ndli_rod_supports_move(rod);
+    double slope;
+    if (!ndli_rod_solve_way(rod, problem, way))
+        return 0;
+    slope = ndli_rod_slope(rod);
+    return (moving || slope < 0) && ndli_rod_search(rod, problem, moving, slope, progress);
+}
+
+/* At rest, where the exact Hessian is not positive definite: the same made so leads along the motion in which the rod
+ * buckles, Gauss-Newton to a rod that has buckled far. The one that leads farther down is taken. */
+static int ndli_rod_go_lower(ndl_rod *rod, const ndli_rod_problem *problem, ndli_rod_progress *progress)
+{
+    ndli_rod_progress shifted = *progress, gauss = *progress;
+    int first = ndli_rod_go(rod, problem, NDLI_ROD_SHIFTED, &shifted), second;
+    ndli_rod_begin_again(rod);
+    second = ndli_rod_go(rod, problem, NDLI_ROD_GAUSS, &gauss);
+    if (second && !(first && shifted.potential < gauss.potential)) {
+        *progress = gauss;
+        return 1;
+    }
+    ndli_rod_begin_again(rod);
+    return first && ndli_rod_go(rod, problem, NDLI_ROD_SHIFTED, progress);
+}
+
+/* One iteration from try_x, try_theta, which rod->shape is made from, by the first way that leads down. 0: none does;
+ * all is as before. */
 static int ndli_rod_iterate(ndl_rod *rod, const ndli_rod_problem *problem, ndli_rod_progress *progress)
 {
-    static const double shifts[4] = {0, 0, 1e-10, 1e-5};
-    int moving = ndli_rod_supports_move(rod);
-    size_t n = (size_t)rod->node_count;
-    memcpy(rod->best_x, rod->try_x, n * sizeof *rod->best_x);
-    memcpy(rod->best_theta, rod->try_theta, n * sizeof *rod->best_theta);
-    for (int attempt = problem->max_newton == 1; attempt < 4; attempt++) {
-        ndli_rod_progress again;
-        if (attempt > 0) {
-            memcpy(rod->try_x, rod->best_x, n * sizeof *rod->best_x);
-            memcpy(rod->try_theta, rod->best_theta, n * sizeof *rod->best_theta);
-            ndli_rod_set_shape(rod, rod->try_x, rod->try_theta);
-        }
-        ndli_rod_balance(rod, problem, attempt == 0 ? NDLI_ROD_EXACT : 0, &rod->matrix, &again);
-        if (ndli_rod_solve_step(rod, problem, shifts[attempt])) {
-            double slope = ndli_rod_slope(rod);
-            if ((moving || slope < 0) && ndli_rod_search(rod, problem, moving, slope, progress))
-                return 1;
-        }
+    memcpy(rod->best_x, rod->try_x, (size_t)rod->node_count * sizeof *rod->best_x);
+    memcpy(rod->best_theta, rod->try_theta, (size_t)rod->node_count * sizeof *rod->best_theta);
+    if (problem->max_newton > 1 && ndli_rod_go(rod, problem, NDLI_ROD_NEWTON, progress))
+        return 1;
+    if (problem->max_newton > 1)
+        ndli_rod_begin_again(rod);
+    if (problem->inertia == 0 && ndli_rod_go_lower(rod, problem, progress))
+        return 1;
+    for (int way = problem->inertia == 0 ? NDLI_ROD_GAUSS_MORE : NDLI_ROD_GAUSS; way < NDLI_ROD_WAYS; way++) {
+        if (way > NDLI_ROD_GAUSS)
+            ndli_rod_begin_again(rod);
+        if (ndli_rod_go(rod, problem, (ndli_rod_way)way, progress))
+            return 1;
     }
-    memcpy(rod->try_x, rod->best_x, n * sizeof *rod->best_x);
-    memcpy(rod->try_theta, rod->best_theta, n * sizeof *rod->best_theta);
-    ndli_rod_set_shape(rod, rod->try_x, rod->try_theta);
+    ndli_rod_begin_again(rod);
     return 0;
 }
 

@@ -4,6 +4,7 @@
 #include "scene.h"
 
 enum { MOST = 128 };
+static const double pi = 3.141592653589793;
 
 /* n nodes along `direction` from the origin, `length` m in all. */
 static void straight_nodes(sb_vec3 *nodes, int n, double length, sb_vec3 direction)
@@ -171,6 +172,73 @@ static void test_elastica(void)
     ndl_rod_destroy(rod);
 }
 
+/* ---- pressed ---- */
+
+/* How far (m) the tip of a cantilever goes aside that is pressed by `share` of Euler's load and pushed aside by so much
+ * of it. */
+static double pressed_aside(int edges, double length, double share, double push, int *iterations)
+{
+    ndl_rod *rod = cantilever(edges, length, sb_v3(0, 0, 1), 1);
+    double euler = pi * pi * stylet_bending() / (4 * length * length), aside;
+    ndl_rod_info info;
+    CHECK_OK(ndl_rod_set_force(rod, edges + 1, sb_v3(REAL(push * euler), 0, REAL(-share * euler))));
+    CHECK_OK(ndl_rod_solve_static(rod, NULL, &info));
+    aside = (double)ndl_rod_positions(rod)[edges + 1].x;
+    *iterations = info.newton_iterations;
+    ndl_rod_destroy(rod);
+    return aside;
+}
+
+/* The tip of the elastica beyond Euler's load: K(k) = pi/2 sqrt(share), aside 2 k / sqrt(P/EI). K by the mean of
+ * Gauss. */
+static double elastica_aside(double length, double share)
+{
+    double low = 0, high = 1;
+    for (int halving = 0; halving < 60; halving++) {
+        double k = (low + high) / 2, a = 1, b = sqrt(1 - k * k);
+        for (int round = 0; round < 12; round++) {
+            double mean = (a + b) / 2;
+            b = sqrt(a * b);
+            a = mean;
+        }
+        if (pi / (2 * a) < pi / 2 * sqrt(share))
+            low = k;
+        else
+            high = k;
+    }
+    return 2 * low * 2 * length / (pi * sqrt(share));
+}
+
+/* About Euler's load a rod gives way to next to nothing, and is found there at once, from 10 to 90 edges; beyond it
+ * the tip goes as far as the elastica's. */
+static void test_buckling_load(void)
+{
+    static const double near[5] = {0.99, 0.999, 1, 1.001, 1.01}, pushes[3] = {1e-7, 1e-5, 1e-3},
+                        beyond[3] = {1.1, 1.5, 3};
+    const double length = 0.2;
+    int most = 0, most_beyond = 0, iterations;
+    for (int edges = 10; edges <= 90; edges *= 3)
+        for (int p = 0; p < 3; p++) {
+            double last = 0;
+            for (int k = 0; k < 5; k++) {
+                double aside = pressed_aside(edges, length, near[k], pushes[p], &iterations);
+                CHECK(aside > last);
+                last = aside;
+                if (near[k] < 1.005)
+                    most = iterations > most ? iterations : most;
+                else
+                    most_beyond = iterations > most_beyond ? iterations : most_beyond;
+            }
+        }
+    for (int k = 0; k < 3; k++) {
+        double expected = elastica_aside(length, beyond[k]);
+        CHECK_NEAR(pressed_aside(40, length, beyond[k], 1e-5, &iterations), expected, 0.02 * expected);
+        most_beyond = iterations > most_beyond ? iterations : most_beyond;
+    }
+    printf("  at most %d iterations at Euler's load, %d beyond\n", most, most_beyond);
+    CHECK(most <= 50 && most_beyond <= 150);
+}
+
 /* ---- twist ---- */
 
 /* Both ends clamped, m nodes; the tip turned so that the torque is `moment`. */
@@ -261,8 +329,7 @@ static void test_free_tip_turns(void)
  * bent and twisted: v = P R^3 (pi/4 /EI + (3 pi/4 - 2)/GJ) (Castigliano). */
 static void test_torsion(void)
 {
-    double radius = 0.1, ei = stylet_bending(), gj, load = 1e-3 * ei / (radius * radius), expected,
-           pi = 3.141592653589793;
+    double radius = 0.1, ei = stylet_bending(), gj, load = 1e-3 * ei / (radius * radius), expected;
     ndl_rod_def def = ndl_default_rod_def();
     sb_vec3 nodes[82];
     ndl_rod *rod = cantilever(20, 0.2, sb_v3(1, 2, 3), 1);
@@ -295,7 +362,7 @@ static void test_torsion(void)
 
 static void test_frequency(void)
 {
-    double length = 0.2, pi = 3.141592653589793, omega, period, crossings[2] = {0, 0}, before = 1, time = 0;
+    double length = 0.2, omega, period, crossings[2] = {0, 0}, before = 1, time = 0;
     ndl_rod_section section;
     ndl_rod_stiffness k;
     ndl_rod *rod = cantilever(40, length, sb_v3(1, 0, 0), 1);
@@ -973,12 +1040,12 @@ static void test_violence(void)
 CHECK_SUITE(rod, {"forces are the energy's gradient", test_gradients},
             {"small deflection (Euler-Bernoulli)", test_small_deflection},
             {"large deflection (elastica)", test_elastica}, {"a twisted rod buckles (Greenhill)", test_greenhill},
-            {"beyond buckling", test_post_buckling}, {"a free tip turns with the base", test_free_tip_turns},
-            {"torsion; a quarter circle", test_torsion}, {"first frequency of a cantilever", test_frequency},
-            {"momentum of a free rod", test_momentum}, {"no step gains energy", test_energy},
-            {"one linear system a step", test_linearised}, {"a pre-bent rod comes to rest", test_prebent_rests},
-            {"reactions", test_reactions}, {"a sleeve moves the base", test_sleeve},
-            {"the same at every scale", test_scales}, {"split and merge", test_split_and_merge},
-            {"feed through a sleeve", test_feed}, {"failures are undone", test_undo},
-            {"every allocation fails", test_memory}, {"bad defs", test_bad_defs}, {"bad calls", test_bad_calls},
-            {"golden", test_golden}, {"violence", test_violence});
+            {"beyond buckling", test_post_buckling}, {"at Euler's load", test_buckling_load},
+            {"a free tip turns with the base", test_free_tip_turns}, {"torsion; a quarter circle", test_torsion},
+            {"first frequency of a cantilever", test_frequency}, {"momentum of a free rod", test_momentum},
+            {"no step gains energy", test_energy}, {"one linear system a step", test_linearised},
+            {"a pre-bent rod comes to rest", test_prebent_rests}, {"reactions", test_reactions},
+            {"a sleeve moves the base", test_sleeve}, {"the same at every scale", test_scales},
+            {"split and merge", test_split_and_merge}, {"feed through a sleeve", test_feed},
+            {"failures are undone", test_undo}, {"every allocation fails", test_memory}, {"bad defs", test_bad_defs},
+            {"bad calls", test_bad_calls}, {"golden", test_golden}, {"violence", test_violence});

@@ -5229,8 +5229,10 @@ public static unsafe class Native
     public static extern ndl_rod_static_options ndl_default_rod_static_options();
     /// <summary>
     /// Finds the equilibrium nearest downhill under the present loads and supports; velocities become 0. Newton with the
-    /// exact Hessian of stretch, bending and twist where that is positive definite, Gauss-Newton where it is not; steps
-    /// turn edges rather than stretch them, and a line search lets the energy only fall. Supports move there in pieces
+    /// exact Hessian of stretch, bending and twist where that is positive definite; where it is not, the lower end of two
+    /// steps: of the same with the least diagonal that makes it so, and of Gauss-Newton. At a buckling load that takes some
+    /// 30 iterations, well beyond it up to 110. Steps turn edges rather than stretch them, and a line search lets the energy
+    /// only fall. Supports move there in pieces
     /// when their way is long. A straight rod under more than its buckling load is in equilibrium and stays so until
     /// something pushes it aside. options and info may be NULL. On failure (SB_ERROR_ARGUMENT; SB_ERROR_UNCONSTRAINED:
     /// the supports leave the rod free to move; SB_ERROR_NOT_CONVERGED; SB_ERROR_DIVERGED) the rod is as before the call.
