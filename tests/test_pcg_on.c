@@ -289,7 +289,7 @@ static sb_pcg_info bend_solve(on_case *c, const sb_real *start, const sb_real *b
     return info;
 }
 
-/* What start and bend span holds the solution: it is found without an iteration, from wherever. */
+/* What start and bend span holds the solution: it is found at once, from wherever, and confirmed by one iteration. */
 static void test_bend_finds(void)
 {
     const double fine = SB_REAL_IS_FLOAT ? 1e-2 : 1e-9;
@@ -305,8 +305,8 @@ static void test_bend_finds(void)
         memcpy(solution, c.b.x, bytes);
         for (int trial = 0; trial < 6; trial++) {
             bend_mix(&c, solution, trial - 2, &seed, start, bend);
-            CHECK(bend_solve(&c, start, NULL, fine).iterations > 0);
-            CHECK(bend_solve(&c, start, bend, fine).iterations == 0);
+            CHECK(kinds[k] == SB_PRECOND_CHOLESKY || bend_solve(&c, start, NULL, fine).iterations > 3);
+            CHECK_INT(bend_solve(&c, start, bend, fine).iterations, 1);
             CHECK(on_residual(&c.b, c.b.x, &size) <= 2 * fine * size);
         }
         free(solution);
@@ -380,7 +380,7 @@ static void test_bend_parts(void)
     demand.bend = bend;
     options.tolerance = SB_REAL_IS_FLOAT ? 1e-4 : 1e-9;
     CHECK_OK(sbi_pcg_solve_guests(&a, NULL, rhs, x, NULL, &options, &workspace, &demand, &info));
-    CHECK(info.iterations == 0);
+    CHECK_INT(info.iterations, 1);
     for (int k = 0; k < 24; k++)
         CHECK_NEAR(x[k], 1 + k % 5, SB_REAL_IS_FLOAT ? 1e-3 : 1e-8);
     sb_pcg_workspace_free(&workspace);

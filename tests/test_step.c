@@ -793,6 +793,78 @@ static void test_cap(void)
     sb_mesh_free(&mesh);
 }
 
+/* ---- many small steps ---- */
+
+typedef struct many_steps {
+    sb_integrator integrator;
+    int flies; /* 1: a free beam that shakes as it falls; 0: one that motions from its clamp */
+    double young, dt;
+    int steps;
+} many_steps;
+
+typedef struct many_end {
+    sb_vec3 last; /* displacement of the last node */
+    double lost;  /* what the fall's momentum is off by, as a share of it */
+} many_end;
+
+static void shake(sb_body *body, const sb_mesh *mesh)
+{
+    sb_vec3 *v = (sb_vec3 *)calloc((size_t)mesh->node_count, sizeof *v), mean;
+    for (int i = 0; i < mesh->node_count; i++)
+        v[i].z = REAL(0.1 * sin(26 * (double)mesh->nodes[i].x));
+    CHECK_OK(sb_body_set_velocities(body, v));
+    mean = sb_v3_scale(1 / sb_body_mass(body), sb_body_momentum(body));
+    for (int i = 0; i < mesh->node_count; i++)
+        v[i] = sb_v3_sub(v[i], mean);
+    CHECK_OK(sb_body_set_velocities(body, v));
+    free(v);
+}
+
+static many_end many_play(const many_steps *w, double tolerance)
+{
+    sb_mesh mesh = scene_box(SB_TET4, 9, 3, 3, sb_v3(REAL(0.12), REAL(0.04), REAL(0.04)), 0);
+    sb_body_def def = sb_default_body_def();
+    many_end end;
+    sb_vec3 fallen;
+    sb_body *body;
+    def.mesh = &mesh;
+    def.material = sb_material_corotated(REAL(w->young), REAL(0.4), 1000);
+    def.integrator = w->integrator;
+    def.max_newton = 1;
+    def.tolerance = REAL(tolerance);
+    def.gravity = sb_v3(0, 0, REAL(-9.81));
+    def.preconditioner = SB_PRECOND_IC0;
+    body = scene_body(&def);
+    if (w->flies)
+        shake(body, &mesh);
+    else
+        scene_fix_plane(body, &mesh, 0, 0, SB_XYZ);
+    for (int s = 0; s < w->steps; s++)
+        CHECK_OK(sb_body_step(body, REAL(w->dt), NULL));
+    fallen = sb_v3_scale(sb_body_mass(body) * REAL(w->dt * w->steps), def.gravity);
+    end.last = sb_body_displacements(body)[mesh.node_count - 1];
+    end.lost = (double)(sb_v3_norm(sb_v3_sub(sb_body_momentum(body), fallen)) / sb_v3_norm(fallen));
+    sb_body_destroy(body);
+    sb_mesh_free(&mesh);
+    return end;
+}
+
+/* What each step of the default tolerance leaves does not add up over hundreds, though little happens in one. */
+static void test_small_steps(void)
+{
+    static const many_steps motions[4] = {{SB_NEWMARK, 0, 1e4, 2e-4, 600},
+                                          {SB_EULER, 0, 3e3, 1e-3, 200},
+                                          {SB_NEWMARK, 1, 1e4, 1e-3, 200},
+                                          {SB_EULER, 1, 1e4, 1e-3, 200}};
+    for (int k = 0; k < 4; k++) {
+        many_end end = many_play(motions + k, 1e-3), fine = many_play(motions + k, SB_REAL_IS_FLOAT ? 1e-5 : 1e-8);
+        double size = (double)sb_v3_norm(fine.last), off = (double)sb_v3_norm(sb_v3_sub(end.last, fine.last)) / size;
+        printf("  small steps %d: off by %.2g of %.2g m, momentum by %.2g\n", k, off, size, end.lost);
+        CHECK(off < (SB_REAL_IS_FLOAT ? 0.003 : 1e-4));
+        CHECK(!motions[k].flies || end.lost < (SB_REAL_IS_FLOAT ? 1e-4 : 1e-6));
+    }
+}
+
 CHECK_SUITE(step, {"free fall", test_free_fall}, {"rest for 10,000 steps", test_rest},
             {"Newmark keeps energy", test_newmark_keeps_energy}, {"momentum balance", test_dynamic_balance},
             {"order in time", test_time_order}, {"scale invariance", test_scale},
@@ -804,4 +876,5 @@ CHECK_SUITE(step, {"free fall", test_free_fall}, {"rest for 10,000 steps", test_
             {"10,000 steps of violence", test_violence},
             {"1,000 steps of violence, quadratic hexes", test_violence_hexes},
             {"same bits for any threads", test_threads}, {"moving supports", test_moving_supports},
-            {"damping changes between steps", test_damping_changes}, {"iteration cap", test_cap});
+            {"damping changes between steps", test_damping_changes}, {"many small steps", test_small_steps},
+            {"iteration cap", test_cap});

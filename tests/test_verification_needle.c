@@ -535,7 +535,7 @@ static void test_tiny_steps(void)
 static double pressed(double share)
 {
     enum { EDGES = 40 };
-    const double length = 0.2, edge = length / EDGES, aside = 1e-5;
+    const double length = 0.2, edge = length / (double)EDGES, aside = 1e-5;
     ndl_rod_def def = ndl_default_rod_def();
     ndl_rod *rod = NULL;
     sb_vec3 nodes[EDGES + 2];

@@ -41,7 +41,8 @@ typedef struct sbi_pcg_part {
     unsigned char eager; /* 1: goes below its target, which rounding kept a round from meeting by a little */
     unsigned char stuck; /* 1: rounding stops its progress all the same */
     unsigned char faint; /* 1: its rhs is nothing beside that of the others */
-    unsigned char plain; /* 1: the preconditioner is not positive definite there; the diagonal takes its place */
+    unsigned char guessed; /* 1: its start was made better, and nothing has come of that yet */
+    unsigned char plain;   /* 1: the preconditioner is not positive definite there; the diagonal takes its place */
 } sbi_pcg_part;
 
 SB_API sb_result sb_pcg_workspace_create(int row_count, const sb_allocator *allocator, sb_pcg_workspace *workspace,
@@ -430,10 +431,11 @@ static double sbi_pcg_drift_square(const sbi_pcg_state *s, const sbi_pcg_part *p
     return square;
 }
 
-/* 1: the residual of a part meets `bound`. */
+/* 1: the residual of a part meets `bound`. A guess alone does not, however good: the next step would guess by it, and
+ * what it leaves would add up. */
 static int sbi_pcg_meets(const sbi_pcg_state *s, const sbi_pcg_part *part, double bound)
 {
-    return part->square <= bound && (part->drift < 0 || sbi_pcg_drift_square(s, part) <= part->drift);
+    return !part->guessed && part->square <= bound && (part->drift < 0 || sbi_pcg_drift_square(s, part) <= part->drift);
 }
 
 /* 1: all parts meet their targets, but for those that are stuck. */
@@ -616,7 +618,7 @@ static sb_result sbi_pcg_measure(sbi_pcg_state *s, sb_pcg_info *info)
         }
         part->factor = part->alpha = part->last_rz / pq;
         sbi_pcg_watch(s, part, last_alpha);
-        part->fresh = 0;
+        part->fresh = part->guessed = 0;
     }
     return SB_OK;
 }
@@ -1188,7 +1190,10 @@ static void sbi_pcg_go_along(sbi_pcg_state *s, double extra_sum, double most)
         double pr = sbi_pcg_sum(s, part, 0), xq = sbi_pcg_sum(s, part, 1);
         int useful = part->rhs_square != 0 && part->alpha > 0 && fabs(pr / part->alpha) <= most;
         part->factor = useful ? pr / part->alpha : 0;
-        part->growth = useful && sbi_pcg_is_finite(xq) ? xq / part->alpha + part->factor : 0;
+        part->guessed |= part->factor != 0;
+        part->growth = useful ? xq / part->alpha + part->factor : 0;
+        if (!(fabs(part->growth) <= (double)SB_REAL_MAX))
+            part->growth = 0;
         all &= part->factor != 0;
     }
     if (!all)
@@ -1219,7 +1224,7 @@ static void sbi_pcg_better_start(sbi_pcg_state *s, const sb_real *bend)
     }
     sbi_pcg_run(s, sbi_pcg_bend_task);
     sbi_pcg_run_product(s);
-    sbi_pcg_go_along(s, s->extra_sum, DBL_MAX);
+    sbi_pcg_go_along(s, s->extra_sum, (double)SB_REAL_MAX);
     sbi_pcg_run(s, sbi_pcg_start_task);
     sbi_pcg_go_along(s, 0, most);
     if (sbi_pcg_start_cancels(s))
