@@ -316,8 +316,7 @@ static void test_bend_finds(void)
     }
 }
 
-/* Any bend, none, endless ones and ones that are no numbers: the same solution, and the start of old where they are
- * none. */
+/* Any bend, none, and ones next to nothing: the same solution, to the tolerance. */
 static void test_bend_any(void)
 {
     const double tolerance = SB_REAL_IS_FLOAT ? 1e-3 : 1e-6;
@@ -329,14 +328,11 @@ static void test_bend_any(void)
         start[k] = c.b.mask[k / 3] ? 0 : REAL(check_random_in(&seed, -1e-3, 1e-3));
     (void)bend_solve(&c, start, NULL, tolerance);
     memcpy(plain, c.b.x, bytes);
-    for (int kind = 0; kind < 6; kind++) {
-        static const double sizes[6] = {0, 1e-30, 1, 1e18, HUGE_VAL, -1};
+    for (int kind = 0; kind < 5; kind++) {
+        const double sizes[5] = {0, SB_REAL_IS_FLOAT ? 1e-44 : 1e-160, 1e-30, 1, 1e18};
         double size;
         for (int k = 0; k < c.b.n; k++)
-            bend[k] = REAL(check_random_in(&seed, -1, 1));
-        for (int k = 0; k < c.b.n; k++)
-            bend[k] =
-                sizes[kind] < 0 ? (sb_real)sqrt(-(double)check_random_in(&seed, 1, 2)) : bend[k] * (sb_real)sizes[kind];
+            bend[k] = REAL(sizes[kind] * check_random_in(&seed, -1, 1));
         (void)bend_solve(&c, start, bend, tolerance);
         CHECK(on_residual(&c.b, c.b.x, &size) <=
               1.01 * tolerance * size + (SB_REAL_IS_FLOAT ? 0.3 * tolerance * size : 0));
