@@ -34,7 +34,7 @@ SBI_API void sbi_parted_make(const sbi_lattice *lattice, const sbi_cut_links *li
     for (int l = 0; l < lattice->link_count; l++) {
         sbi_link_key key = sbi_lattice_key(lattice, &parted->order, tet, l);
         int item = sbi_cut_links_find(links, &key);
-        parted->cut[l] = (unsigned char)(item < 0 ? SBI_LINK_WHOLE : links->items[item].state);
+        parted->cut[l] = (unsigned char)(item < 0 ? (int)SBI_LINK_WHOLE : (int)links->items[item].state);
         parted->rank[l] = item;
         parted->t[l] = item < 0 ? (sb_real)0.5 : links->items[item].t;
     }
