@@ -215,6 +215,29 @@ static void ndli_held_tie(struct ndli_site *site, const ndli_bed_row *row, struc
     }
 }
 
+/* What a way is beyond what friction winds up (m). */
+static double ndli_held_beyond(double way, double slack) { return way - fmin(fmax(way, -slack), slack); }
+
+/* How far hold i is ahead of the material at an arc, beyond what friction winds up there (m). */
+static double ndli_held_ahead(const ndl_needle *needle, int i, double arc)
+{
+    ndli_held_spot spot;
+    ndli_v3 way;
+    if (!ndli_held_find(needle, arc, &spot))
+        return 0;
+    way = ndli_sub(ndli_held_place(needle, i), ndli_bed_at(&needle->site->bed, &spot.row));
+    return ndli_held_beyond(ndli_dot(ndli_held_tangent(needle->rod, i), way), ndli_held_slack(needle, &spot));
+}
+
+/* A slip of an inner hold by `slip` (m at rest) goes past where the shaft is: a cut is within it, which stands open,
+ * and the shaft is between the lips. It stays at the one where it is held until it has come to the other. Held at each
+ * in turn it would be pushed to and fro for ever. */
+static int ndli_held_is_between_lips(const ndl_needle *needle, int i, double slip)
+{
+    double arc = fmin(fmax(needle->arc[i] + slip, 0), ndli_held_most_arc(needle, i));
+    return slip != 0 && sbi_body_has_pieces(needle->site->body) && ndli_held_ahead(needle, i, arc) * slip < 0;
+}
+
 /* Slip that a hold cannot make: where the shaft goes in it stays at the skin, and where soft tissue is so much pressed
  * before the tip that more of the shaft would be past it than there is on the track, it stays behind the next. What it
  * is ahead of the tissue beyond what friction can wind up is then of steps before: taken for a slip of this one, and
@@ -222,12 +245,13 @@ static void ndli_held_tie(struct ndli_site *site, const ndli_bed_row *row, struc
 static double ndli_held_overrun(const ndl_needle *needle, int i, const ndli_held_spot *spot, ndli_v3 tangent,
                                 ndli_v3 offset)
 {
-    double wound = ndli_dot(tangent, offset), slack, room;
+    double wound = ndli_dot(tangent, offset), slack, room, ahead;
     if (i == ndli_line_foremost(&needle->line))
         return 0;
     slack = ndli_held_slack(needle, spot);
-    if (i < needle->line.first)
-        return wound - fmin(fmax(wound, -slack), slack);
+    ahead = ndli_held_beyond(wound, slack);
+    if (i < needle->line.first || ndli_held_is_between_lips(needle, i, ahead / spot->stretch))
+        return ahead;
     room = spot->stretch * fmax(0, ndli_held_most_arc(needle, i) - needle->arc[i]);
     return fmax(0, wound - slack - room);
 }
@@ -460,7 +484,9 @@ static void ndli_held_slip(ndl_needle *needle)
     double tip = ndli_track_length(&needle->track);
     for (int i = last; i >= line->first; i--) {
         double most = i == last ? tip : ndli_held_most_arc(needle, i);
-        double arc = i == last ? tip : needle->arc[i] + line->slip[i] / needle->stretch[i];
+        double slip = line->slip[i] / needle->stretch[i], arc = i == last ? tip : needle->arc[i];
+        if (i < last && !ndli_held_is_between_lips(needle, i, slip))
+            arc += slip;
         needle->arc[i] = fmin(arc, most);
     }
 }
