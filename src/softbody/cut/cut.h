@@ -96,9 +96,10 @@
  * - Glue is looked at along a line of half an element to either side: another blade that goes by as near releases it,
  *   too. A part that hangs by one or two glued triangles swings on them: static solves may not converge. Where a blade
  *   goes exactly along nodes, it may part a film without volume, whose nodes have no material and stand still: glue to
- *   it holds nothing, and it is drawn with what it lies on. With least_piece > 0 films that are parts of their own are
- *   taken out. With parts so far apart that each has a box of its own, glue of pieces without volume may
- *   stay.
+ *   it holds nothing, nor does glue on both its sides hold what is beyond it. It is drawn with what it lies on; where
+ *   that has come apart it is drawn across the gap, and weighs and holds nothing there. With least_piece > 0 films that
+ *   are parts of their own are taken out. With parts so far apart that each has a box of its own, glue of pieces
+ *   without volume may stay.
  * - Parts of the mesh that hang together at an edge or a node alone come apart there where an element of that node is
  *   cut.
  * - Slivers of mass make explicit steps short: in bodies that step explicitly crossings keep off the points of the

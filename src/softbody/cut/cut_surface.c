@@ -44,9 +44,10 @@ typedef struct sbi_draw_table {
 
 typedef struct sbi_draw_vertex {
     sb_cut_origin origin;
-    int cell, cell_nodes[SBI_CUT_NODES]; /* of the body, that it moves with */
-    int is_carried;                      /* 1: that is not of its own piece */
-    int stamp;                           /* of the last rebuild that used it */
+    int cell;                      /* of the body, that it moves with */
+    int is_carried;                /* 1: that is not of its own piece */
+    int cell_nodes[SBI_CUT_NODES]; /* of its own piece */
+    int stamp;                     /* of the last rebuild that used it */
 } sbi_draw_vertex;
 
 /* A cut link as it was when it was drawn. */
@@ -99,6 +100,8 @@ struct sb_cut_surface {
     sb_real (*texture)[2];
     int *points;
     int vertex_capacity;
+    int *stand_ins; /* [nodes] where a node is drawn: without material at another's place, else at its own */
+    int stand_in_capacity;
     int (*triangles)[3];
     unsigned char *tags;
     int *cells;
@@ -369,7 +372,7 @@ static int sbi_draw_vertex_of(sb_cut_surface *s, const sbi_draw_tet *t, int piec
         memcpy(made->origin.weights, at, sizeof made->origin.weights);
         made->is_carried = t->carriers[piece] != t->cells[piece] && sbi_draw_stands_still(s, t->cells[piece], at);
         made->cell = made->is_carried ? t->carriers[piece] : t->cells[piece];
-        memcpy(made->cell_nodes, sb_body_cell_nodes(s->cut->body, made->cell),
+        memcpy(made->cell_nodes, sb_body_cell_nodes(s->cut->body, t->cells[piece]),
                (size_t)s->cut->nodes_per_tet * sizeof(int));
         s->origins[vertex] = made->origin;
     }
@@ -1248,16 +1251,57 @@ static void sbi_draw_find_all(sb_cut_surface *s)
     sbi_draw_find_fans(s);
 }
 
+static int sbi_draw_reserve_stand_ins(sb_cut_surface *s)
+{
+    void *stand_ins = s->stand_ins;
+    int grown = sbi_cut_grow(&s->allocator, &stand_ins, &s->stand_in_capacity, 0, sb_body_node_count(s->cut->body),
+                             sizeof *s->stand_ins);
+    s->stand_ins = (int *)stand_ins;
+    return grown;
+}
+
+/* Nodes of a film that have no material stand in the nodes of what it lies on. */
+static void sbi_draw_stand_in(sb_cut_surface *s, const sbi_draw_tet *t, int piece)
+{
+    const sb_body *body = s->cut->body;
+    const int *film = sb_body_cell_nodes(body, t->cells[piece]), *under = sb_body_cell_nodes(body, t->carriers[piece]);
+    for (int a = 0; a < s->cut->nodes_per_tet; a++)
+        if (body->node_component[film[a]] < 0 && s->stand_ins[film[a]] == film[a])
+            s->stand_ins[film[a]] = under[a];
+}
+
+/* One place for each node, of the first element that has one: so both sides of a film are drawn at the same, with no
+ * volume between them, across a gap as well. */
+static void sbi_draw_find_stand_ins(sb_cut_surface *s)
+{
+    const sb_cut *cut = s->cut;
+    for (int i = 0; i < sb_body_node_count(cut->body); i++)
+        s->stand_ins[i] = i;
+    for (int i = 0; i < s->tets.count; i++) {
+        int tet = s->tets.items[i], films = 0;
+        sbi_draw_tet t;
+        for (int piece = sbi_cut_first_piece(cut, tet); piece >= 0; piece = cut->pieces[piece].next)
+            films += !(sb_body_cell_share(cut->body, cut->pieces[piece].cell) > 0);
+        if (!films)
+            continue;
+        sbi_draw_load_tet(s, tet, &t);
+        for (int piece = 0; piece < t.parted.piece_count; piece++)
+            if (t.carriers[piece] != t.cells[piece])
+                sbi_draw_stand_in(s, &t, piece);
+    }
+}
+
 /* Brings the triangles up to date; 0: no memory. */
 static int sbi_draw_rebuild(sb_cut_surface *s)
 {
     s->failed = 0;
     s->stamp++;
-    if (!sbi_draw_keep_triangles(s) || !sbi_draw_reserve_links(s))
+    if (!sbi_draw_keep_triangles(s) || !sbi_draw_reserve_links(s) || !sbi_draw_reserve_stand_ins(s))
         return 0;
     sbi_draw_mark(s);
     sbi_draw_find_all(s);
     sbi_draw_list_tets(s);
+    sbi_draw_find_stand_ins(s);
     sbi_draw_whole_faces(s);
     s->triangle_count = s->face_count;
     for (int i = 0; i < s->tets.count && !s->failed; i++)
@@ -1295,7 +1339,7 @@ static void sbi_draw_move(sb_cut_surface *s)
             sb_element_shape(SB_TET10, vertex->origin.weights + 1, shape, NULL);
         for (int a = 0; a < n; a++)
             if (weights[a] != 0)
-                sum = sb_v3_madd(sum, weights[a], x[vertex->cell_nodes[a]]);
+                sum = sb_v3_madd(sum, weights[a], x[s->stand_ins[vertex->cell_nodes[a]]]);
         s->positions[i] = sum;
     }
     for (int f = 0; f < s->triangle_count; f++) {
@@ -1503,6 +1547,7 @@ SB_API void sb_cut_surface_destroy(sb_cut_surface *s)
     sbi_free(&allocator, s->rest);
     sbi_free(&allocator, s->texture);
     sbi_free(&allocator, s->points);
+    sbi_free(&allocator, s->stand_ins);
     sbi_free(&allocator, s->triangles);
     sbi_free(&allocator, s->tags);
     sbi_free(&allocator, s->cells);
