@@ -353,6 +353,7 @@ verification: build/double/tests
 GOLDEN_TESTS = $(shell grep -l '"golden' $(TESTS))
 GOLDEN_UNITS = tests/implementation.c $(GOLDEN_TESTS)
 GOLDEN_NAMES = gcc-O0 gcc-O2 gcc-O3 clang-O0 clang-O2 clang-O3
+GOLDEN_FUSING = gcc-O2 gcc-O3 clang-O3 # those that could fuse a product and a sum, where the processor can
 
 build/golden/suites.h: $(GOLDEN_TESTS) Makefile
 	@mkdir -p $(@D)
@@ -376,7 +377,7 @@ $(eval $(call golden,clang-O2,$(CLANG) -std=c99 -O2 -DSB_NO_VECTORS))
 $(eval $(call golden,clang-O3,$(CLANG) -std=gnu99 -O3 -march=native))
 
 test-golden: $(GOLDEN_NAMES:%=build/golden-%/tests)
-	tests/total.sh $(^:%='% /golden')
+	tests/total.sh $(^:%='% /golden') "tests/fused.sh $(GOLDEN_FUSING:%=build/golden-%/implementation.o)"
 # On 64-bit ARM the golden results, too.
 $(eval $(call suite,aarch64,$(ARM) $(OTHER_CFLAGS),-std=c99 $(C_WARNINGS),-static,,$(sort $(call some,$(PORTABLE)) $(GOLDEN_TESTS))))
 

@@ -197,9 +197,10 @@ x86_64)
             continue
         fi
         $compiler -std=gnu99 $include -mavx2 -mfma -c tests/implementation.c -o "$folder/contraction.o"
-        fused=$("$objdump" -d "$folder/contraction.o" | grep -c 'vf\(n\|\)m\(add\|sub\)')
-        [ "$fused" = 0 ] || echo "$fused fused instructions"
-        report "$fused" "no fused multiply-add from $compiler -std=gnu99 -mfma"
+        OBJDUMP=$objdump tests/fused.sh "$folder/contraction.o" >"$folder/message"
+        fused=$?
+        [ $fused = 0 ] || cat "$folder/message"
+        report $fused "no fused multiply-add from $compiler -std=gnu99 -mfma"
     done
     ;;
 *) skip "fused instructions are looked for on x86-64 only" ;;

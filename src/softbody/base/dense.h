@@ -487,13 +487,14 @@ SB_INLINE sb_quat sb_quat_from_rotation_vector(sb_vec3 v)
 SBI_FORCE_INLINE sb_mat3 sbi_quat_to_scaled_mat3(sb_quat q)
 {
     sb_real ww = q.w * q.w, xx = q.x * q.x, yy = q.y * q.y, zz = q.z * q.z;
-    sb_real xy = q.x * q.y, xz = q.x * q.z, yz = q.y * q.z, wx = q.w * q.x, wy = q.w * q.y, wz = q.w * q.z;
+    sb_real xy = q.x * q.y, xz = q.x * q.z, yz = q.y * q.z;
+    sb_real on = 2 * q.w, back = -2 * q.w; /* sums only: no - and + in turn, as in sb_quat_mul */
     sb_real sum = ww + xx, difference = ww - xx;
     sb_mat3 r;
-    xy += xy, xz += xz, yz += yz, wx += wx, wy += wy, wz += wz; /* exact: fused or not is the same */
-    r.m[0][0] = sum - (yy + zz), r.m[0][1] = xy - wz, r.m[0][2] = xz + wy;
-    r.m[1][0] = xy + wz, r.m[1][1] = difference + (yy - zz), r.m[1][2] = yz - wx;
-    r.m[2][0] = xz - wy, r.m[2][1] = yz + wx, r.m[2][2] = difference + (zz - yy);
+    xy += xy, xz += xz, yz += yz;
+    r.m[0][0] = sum - (yy + zz), r.m[0][1] = xy + back * q.z, r.m[0][2] = xz + on * q.y;
+    r.m[1][0] = xy + on * q.z, r.m[1][1] = difference + (yy - zz), r.m[1][2] = yz + back * q.x;
+    r.m[2][0] = xz + back * q.y, r.m[2][1] = yz + on * q.x, r.m[2][2] = difference + (zz - yy);
     return r;
 }
 /* Rotation matrix of a unit quaternion. */

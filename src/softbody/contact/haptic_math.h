@@ -70,11 +70,12 @@ SB_INLINE sbi_turn sbi_turn_unit(sbi_turn q, sbi_turn fallback)
     scale = 1 / sqrt(square);
     return sbi_turn_make(scale * q.w, scale * q.x, scale * q.y, scale * q.z);
 }
-/* First b, then a. */
+/* First b, then a. Sums only: no - and + in turn, as in sb_quat_mul. */
 SB_INLINE sbi_turn sbi_turn_mul(sbi_turn a, sbi_turn b)
 {
-    return sbi_turn_make(a.w * b.w - a.x * b.x - a.y * b.y - a.z * b.z, a.w * b.x + a.x * b.w + a.y * b.z - a.z * b.y,
-                         a.w * b.y - a.x * b.z + a.y * b.w + a.z * b.x, a.w * b.z + a.x * b.y - a.y * b.x + a.z * b.w);
+    double x = -a.x, y = -a.y, z = -a.z;
+    return sbi_turn_make(a.w * b.w + x * b.x + y * b.y + z * b.z, a.w * b.x + a.x * b.w + a.y * b.z + z * b.y,
+                         a.w * b.y + x * b.z + a.y * b.w + a.z * b.x, a.w * b.z + a.x * b.y + y * b.x + a.z * b.w);
 }
 SB_INLINE sbi_d3 sbi_turn_apply(sbi_turn q, sbi_d3 v)
 {

@@ -606,14 +606,14 @@ SBI_FORCE_INLINE void sbi_batch_rotations(const sbi_assembly *assembly, int batc
     }
     for (int l = 0; l < SB_POLAR_LANES; l++) {
         sb_real w = quats[0][l], x = quats[1][l], y = quats[2][l], z = quats[3][l];
-        sb_real xy = 2 * (x * y), wz = 2 * (w * z), xz = 2 * (x * z), wy = 2 * (w * y);
+        sb_real xy = 2 * (x * y), wz = 2 * w * z, xz = 2 * (x * z), wy = 2 * w * y;
         r[1][l] = xy - wz;
         r[3][l] = xy + wz;
         r[2][l] = xz + wy;
         r[6][l] = xz - wy;
     }
     for (int l = 0; l < SB_POLAR_LANES; l++) {
-        sb_real yz = 2 * (quats[2][l] * quats[3][l]), wx = 2 * (quats[0][l] * quats[1][l]);
+        sb_real yz = 2 * (quats[2][l] * quats[3][l]), wx = 2 * quats[0][l] * quats[1][l];
         r[5][l] = yz - wx;
         r[7][l] = yz + wx;
     }
