@@ -10579,6 +10579,159 @@ REGI_API double regi_chance_normal(regi_chance *chance)
     return u * square;
 }
 
+/* ==== src/register/block.h ==== */
+/* block: products of dense matrices of doubles, in tiles that the registers hold. Floor 6, internal.
+ *
+ * Each sum runs over the depth in ascending order and is then added: the same bits whatever the vectors' width. */
+#ifndef REGI_BLOCK_H
+#define REGI_BLOCK_H
+
+
+/* Sums over `depth` of products of left[k left_stride + i] and right[k right_step + j right_stride]. */
+typedef struct regi_block {
+    const double *left, *right;
+    size_t left_stride, right_step, right_stride;
+    int depth;
+} regi_block;
+
+enum {
+    REGI_BLOCK_ROWS = 4, /* j of a tile, */
+    REGI_BLOCK_WIDTH = 8 /* and i */
+};
+
+/* to[j stride + i] += factor * the sums, i < width, j < rows. */
+REGI_API void regi_block_add(const regi_block *block, int width, int rows, double factor, double *to, size_t stride);
+/* x[n][REGI_BLOCK_WIDTH] <- U^-T x for the upper u[n][stride]. */
+REGI_API void regi_block_forward(const double *u, int n, size_t stride, double *x);
+/* x[n][REGI_BLOCK_WIDTH] <- U^-1 x */
+REGI_API void regi_block_backward(const double *u, int n, size_t stride, double *x);
+
+#endif /* REGI_BLOCK_H */
+
+/* ==== src/register/block.c ==== */
+/* block: see block.h. */
+
+#include <string.h>
+
+#if defined(__GNUC__) && !defined(SB_NO_VECTORS)
+#if defined(__AVX__)
+enum { REGI_BLOCK_LANES = 4 };
+#else
+enum { REGI_BLOCK_LANES = 2 };
+#endif
+typedef double regi_block_lanes
+    __attribute__((vector_size(REGI_BLOCK_LANES * sizeof(double)), aligned(sizeof(double)), may_alias));
+#define REGI_BLOCK_AT(pointer) (*(const regi_block_lanes *)(const void *)(pointer))
+#define REGI_BLOCK_PUT(pointer, value) (*(regi_block_lanes *)(void *)(pointer) = (value))
+
+/* Half of a tile without AVX: [4][4] sums stay in registers, and so do [4][8] with it. */
+enum { REGI_BLOCK_PART = 2 * REGI_BLOCK_LANES };
+
+static void regi_block_part(const regi_block *b, const double *left, const double *right, double *tile)
+{
+    const double *r0 = right, *r1 = r0 + b->right_stride, *r2 = r1 + b->right_stride, *r3 = r2 + b->right_stride;
+    regi_block_lanes c00 = {0}, c01 = c00, c10 = c00, c11 = c00, c20 = c00, c21 = c00, c30 = c00, c31 = c00;
+    size_t step = b->right_step;
+    for (int k = 0; k < b->depth; k++, left += b->left_stride) {
+        regi_block_lanes x = REGI_BLOCK_AT(left), y = REGI_BLOCK_AT(left + REGI_BLOCK_LANES);
+        c00 += x * *r0, c01 += y * *r0, r0 += step;
+        c10 += x * *r1, c11 += y * *r1, r1 += step;
+        c20 += x * *r2, c21 += y * *r2, r2 += step;
+        c30 += x * *r3, c31 += y * *r3, r3 += step;
+    }
+    REGI_BLOCK_PUT(tile, c00), REGI_BLOCK_PUT(tile + REGI_BLOCK_LANES, c01), tile += REGI_BLOCK_WIDTH;
+    REGI_BLOCK_PUT(tile, c10), REGI_BLOCK_PUT(tile + REGI_BLOCK_LANES, c11), tile += REGI_BLOCK_WIDTH;
+    REGI_BLOCK_PUT(tile, c20), REGI_BLOCK_PUT(tile + REGI_BLOCK_LANES, c21), tile += REGI_BLOCK_WIDTH;
+    REGI_BLOCK_PUT(tile, c30), REGI_BLOCK_PUT(tile + REGI_BLOCK_LANES, c31);
+}
+
+/* tile[4][8]: the sums of i and j on. */
+static void regi_block_tile(const regi_block *b, int i, int j, double *tile)
+{
+    for (int part = 0; part < REGI_BLOCK_WIDTH; part += REGI_BLOCK_PART)
+        regi_block_part(b, b->left + i + part, b->right + (size_t)j * b->right_stride, tile + part);
+}
+#else
+static void regi_block_tile(const regi_block *b, int i, int j, double *tile)
+{
+    memset(tile, 0, REGI_BLOCK_ROWS * REGI_BLOCK_WIDTH * sizeof *tile);
+    for (int k = 0; k < b->depth; k++)
+        for (int r = 0; r < REGI_BLOCK_ROWS; r++) {
+            double right = b->right[(size_t)k * b->right_step + (size_t)(j + r) * b->right_stride];
+            const double *left = b->left + (size_t)k * b->left_stride + i;
+            for (int c = 0; c < REGI_BLOCK_WIDTH; c++)
+                tile[r * REGI_BLOCK_WIDTH + c] += left[c] * right;
+        }
+}
+#endif
+
+/* The sums of i, j on that do not fill a tile. */
+static void regi_block_rest(const regi_block *b, int i, int width, int j, int rows, double *tile)
+{
+    for (int r = 0; r < rows; r++)
+        for (int c = 0; c < width; c++) {
+            double sum = 0;
+            for (int k = 0; k < b->depth; k++)
+                sum += b->left[(size_t)k * b->left_stride + (size_t)(i + c)] *
+                       b->right[(size_t)k * b->right_step + (size_t)(j + r) * b->right_stride];
+            tile[r * REGI_BLOCK_WIDTH + c] = sum;
+        }
+}
+
+REGI_API void regi_block_add(const regi_block *b, int width, int rows, double factor, double *to, size_t stride)
+{
+    double tile[(int)REGI_BLOCK_ROWS * (int)REGI_BLOCK_WIDTH];
+    for (int j = 0; j < rows; j += REGI_BLOCK_ROWS)
+        for (int i = 0; i < width; i += REGI_BLOCK_WIDTH) {
+            int high = sbi_min_int(REGI_BLOCK_ROWS, rows - j), wide = sbi_min_int(REGI_BLOCK_WIDTH, width - i);
+            if (high == REGI_BLOCK_ROWS && wide == REGI_BLOCK_WIDTH)
+                regi_block_tile(b, i, j, tile);
+            else
+                regi_block_rest(b, i, wide, j, high, tile);
+            for (int r = 0; r < high; r++)
+                for (int c = 0; c < wide; c++)
+                    to[(size_t)(j + r) * stride + (size_t)(i + c)] += factor * tile[r * REGI_BLOCK_WIDTH + c];
+        }
+}
+
+REGI_API void regi_block_forward(const double *u, int n, size_t stride, double *x)
+{
+    for (int first = 0; first < n; first += REGI_BLOCK_ROWS) {
+        int rows = sbi_min_int(REGI_BLOCK_ROWS, n - first);
+        regi_block before = {x, u + first, REGI_BLOCK_WIDTH, 0, 1, 0};
+        before.right_step = stride;
+        before.depth = first;
+        regi_block_add(&before, REGI_BLOCK_WIDTH, rows, -1, x + (size_t)first * REGI_BLOCK_WIDTH, REGI_BLOCK_WIDTH);
+        for (int k = first; k < first + rows; k++)
+            for (int c = 0; c < REGI_BLOCK_WIDTH; c++) {
+                double *at = x + (size_t)k * REGI_BLOCK_WIDTH + c;
+                *at /= u[(size_t)k * stride + (size_t)k];
+                for (int r = k + 1; r < first + rows; r++)
+                    x[(size_t)r * REGI_BLOCK_WIDTH + (size_t)c] -= u[(size_t)k * stride + (size_t)r] * *at;
+            }
+    }
+}
+
+REGI_API void regi_block_backward(const double *u, int n, size_t stride, double *x)
+{
+    for (int first = (n - 1) / REGI_BLOCK_ROWS * REGI_BLOCK_ROWS; first >= 0; first -= REGI_BLOCK_ROWS) {
+        int next = sbi_min_int(first + REGI_BLOCK_ROWS, n);
+        regi_block after = {x + (size_t)next * REGI_BLOCK_WIDTH, NULL, REGI_BLOCK_WIDTH, 1, 0, 0};
+        after.right = u + (size_t)first * stride + (size_t)next;
+        after.right_stride = stride;
+        after.depth = n - next;
+        regi_block_add(&after, REGI_BLOCK_WIDTH, next - first, -1, x + (size_t)first * REGI_BLOCK_WIDTH,
+                       REGI_BLOCK_WIDTH);
+        for (int k = next - 1; k >= first; k--)
+            for (int c = 0; c < REGI_BLOCK_WIDTH; c++) {
+                double *at = x + (size_t)k * REGI_BLOCK_WIDTH + c;
+                for (int r = k + 1; r < next; r++)
+                    *at -= u[(size_t)k * stride + (size_t)r] * x[(size_t)r * REGI_BLOCK_WIDTH + (size_t)c];
+                *at /= u[(size_t)k * stride + (size_t)k];
+            }
+    }
+}
+
 /* ==== src/register/gauss.h ==== */
 /* gauss: the linear Gaussian model behind an inference: data that loads and a pose explain. Floor 6, internal.
  *
@@ -10642,6 +10795,8 @@ REGI_API int regi_gauss_solve(regi_gauss *gauss);
 REGI_API void regi_gauss_apply_inverse(const regi_gauss *gauss, double *r);
 /* r <- U^-T r: of length |r|^2 = r^T S^-1 r. */
 REGI_API void regi_gauss_whiten(const regi_gauss *gauss, double *r);
+/* The same for x[count][REGI_BLOCK_WIDTH], as many at once. */
+REGI_API void regi_gauss_whiten_many(const regi_gauss *gauss, double *x);
 /* c[loads], p[poses] that multipliers y[count] stand for. */
 REGI_API void regi_gauss_explain(const regi_gauss *gauss, const double *y, double *c, double *p);
 /* out[count] = V c + R p. */
@@ -10742,42 +10897,50 @@ static void regi_gauss_add(double *SB_RESTRICT to, double factor, const double *
         to[i] += factor * from[i];
 }
 
-/* to += sum of four rows: one pass over `to` for four. */
-static void regi_gauss_add_four(double *SB_RESTRICT to, const double f[4], const double *SB_RESTRICT from,
-                                size_t stride, int n)
+/* Upper triangle of upper[n][stride] += factor * rows^T rows of rows[count][stride]. */
+static void regi_gauss_square(double *upper, int n, double factor, const double *rows, int count, size_t stride)
 {
-    const double *a = from, *b = a + stride, *c = b + stride, *d = c + stride;
-    for (int i = 0; i < n; i++)
-        to[i] += f[0] * a[i] + f[1] * b[i] + f[2] * c[i] + f[3] * d[i];
+    enum { DEPTH = 128, SIDE = REGI_BLOCK_WIDTH }; /* rows that stay near */
+    for (int k = 0; k < count; k += DEPTH)
+        for (int i = 0; i < n; i += SIDE) {
+            const double *at = rows + (size_t)k * stride + i;
+            regi_block block = {NULL, NULL, 0, 0, 1, 0};
+            double corner[(int)SIDE * (int)SIDE], *to = upper + (size_t)i * stride + i;
+            int side = sbi_min_int(SIDE, n - i);
+            block.left = block.right = at;
+            block.left_stride = block.right_step = stride;
+            block.depth = sbi_min_int(DEPTH, count - k);
+            memset(corner, 0, sizeof corner);
+            regi_block_add(&block, side, side, factor, corner, SIDE);
+            for (int r = 0; r < side; r++)
+                regi_gauss_add(to + (size_t)r * stride + r, 1, corner + r * (int)SIDE + r, side - r);
+            block.left += side;
+            regi_block_add(&block, n - i - side, side, factor, to + side, stride);
+        }
 }
 
 REGI_API void regi_gauss_add_squares(double *upper, int n, const double *rows, int count, size_t stride)
 {
-    int k = 0;
-    for (; k + 4 <= count; k += 4)
-        for (int i = 0; i < n; i++) {
-            const double *at = rows + (size_t)k * stride + i;
-            const double f[4] = {at[0], at[stride], at[2 * stride], at[3 * stride]};
-            regi_gauss_add_four(upper + (size_t)i * stride + i, f, at, stride, n - i);
-        }
-    for (; k < count; k++)
-        for (int i = 0; i < n; i++) {
-            const double *at = rows + (size_t)k * stride + i;
-            regi_gauss_add(upper + (size_t)i * stride + i, *at, at, n - i);
-        }
+    regi_gauss_square(upper, n, 1, rows, count, stride);
 }
 
 REGI_API int regi_gauss_cholesky(double *a, int n, size_t stride)
 {
-    for (int k = 0; k < n; k++) {
-        double *row = a + (size_t)k * stride, scale;
-        if (!(row[k] > 0))
-            return 0;
-        scale = 1 / sqrt(row[k]);
-        for (int j = k; j < n; j++)
-            row[j] *= scale;
-        for (int i = k + 1; i < n; i++)
-            regi_gauss_add(a + (size_t)i * stride + i, -row[i], row + i, n - i);
+    enum { BLOCK = 32 };
+    for (int first = 0; first < n; first += BLOCK) {
+        int next = sbi_min_int(first + BLOCK, n);
+        for (int k = first; k < next; k++) {
+            double *row = a + (size_t)k * stride, scale;
+            if (!(row[k] > 0))
+                return 0;
+            scale = 1 / sqrt(row[k]);
+            for (int j = k; j < n; j++)
+                row[j] *= scale;
+            for (int i = k + 1; i < next; i++)
+                regi_gauss_add(a + (size_t)i * stride + i, -row[i], row + i, n - i);
+        }
+        regi_gauss_square(a + (size_t)next * stride + next, n - next, -1, a + (size_t)first * stride + next,
+                          next - first, stride);
     }
     return 1;
 }
@@ -10878,6 +11041,11 @@ REGI_API int regi_gauss_solve(regi_gauss *g)
 REGI_API void regi_gauss_whiten(const regi_gauss *g, double *r)
 {
     regi_gauss_forward(g->system, g->count, (size_t)g->most, r);
+}
+
+REGI_API void regi_gauss_whiten_many(const regi_gauss *g, double *x)
+{
+    regi_block_forward(g->system, g->count, (size_t)g->most, x);
 }
 
 REGI_API void regi_gauss_apply_inverse(const regi_gauss *g, double *r)
@@ -11593,11 +11761,7 @@ REG_API int reg_model_node_count(const reg_model *model) { return model ? model-
 #define REGI_RESPONSE_H
 
 
-enum {
-    REGI_RESPONSE_MODES = 6, /* rigid motions */
-    REGI_RESPONSE_GROUP =
-        8 * SBI_FRONT_GROUP /* rows that are worth solving at once: the factor is read once for them */
-};
+enum { REGI_RESPONSE_MODES = 6 }; /* rigid motions */
 
 typedef struct regi_response {
     reg_model *model;
@@ -11613,6 +11777,8 @@ typedef struct regi_response {
 REGI_API void regi_response_layout(regi_response *response, int node_count, sbi_arena *arena);
 /* Factor and residual of the shape of now. The factor's errors. */
 REGI_API sb_result regi_response_factor(regi_response *response, sb_error *error);
+/* forces[nodes]: a unit rigid motion times shares of the mass; turns are about the centre and by one over the size. */
+REGI_API void regi_response_mode(const regi_response *response, int mode, sb_vec3 *forces);
 /* Motions of `count` rows of forces, row[count][nodes], in place: none of what is held, and
  * none of the whole, which is the pose's. */
 REGI_API void regi_response_solve(regi_response *response, sb_vec3 *row, int count);
@@ -11666,21 +11832,24 @@ REGI_API void regi_response_solve(regi_response *r, sb_vec3 *row, int count)
         regi_response_stop_drift(r, row + (size_t)s * (size_t)r->model->mesh.node_count);
 }
 
+REGI_API void regi_response_mode(const regi_response *r, int mode, sb_vec3 *forces)
+{
+    const sb_vec3 *x = sb_body_positions(r->model->body);
+    sb_vec3 axis = sb_v3(mode % 3 == 0, mode % 3 == 1, mode % 3 == 2);
+    for (int i = 0; i < r->model->mesh.node_count; i++) {
+        sb_vec3 turned = sb_v3_scale(1 / r->model->size, sb_v3_cross(axis, sb_v3_sub(x[i], r->centre)));
+        forces[i] = sb_v3_scale(r->model->prior.weight[i], mode < 3 ? axis : turned);
+    }
+}
+
 /* The modes about where the organ is, and their system. 0: it is not positive. */
 static int regi_response_find_drift(regi_response *r)
 {
-    const sb_vec3 *x = sb_body_positions(r->model->body);
     size_t n = (size_t)r->model->mesh.node_count;
-    for (int k = 0; k < REGI_RESPONSE_MODES; k++) {
-        sb_vec3 axis = sb_v3(k % 3 == 0, k % 3 == 1, k % 3 == 2);
-        for (size_t i = 0; i < n; i++) {
-            sb_vec3 turned = sb_v3_scale(1 / r->model->size, sb_v3_cross(axis, sb_v3_sub(x[i], r->centre)));
-            r->weighted_modes[(size_t)k * n + i] = sb_v3_scale(r->model->prior.weight[i], k < 3 ? axis : turned);
-        }
-    }
-    memcpy(r->drift, r->weighted_modes, REGI_RESPONSE_MODES * n * sizeof *r->drift);
     for (int k = 0; k < REGI_RESPONSE_MODES; k++)
-        (void)sb_direct_solve(r->direct, &r->drift[(size_t)k * n].x, &r->drift[(size_t)k * n].x, 1);
+        regi_response_mode(r, k, r->weighted_modes + (size_t)k * n);
+    memcpy(r->drift, r->weighted_modes, REGI_RESPONSE_MODES * n * sizeof *r->drift);
+    (void)sb_direct_solve(r->direct, &r->drift[0].x, &r->drift[0].x, REGI_RESPONSE_MODES);
     for (int k = 0; k < REGI_RESPONSE_MODES; k++)
         for (int l = 0; l < REGI_RESPONSE_MODES; l++) {
             double sum = 0;
@@ -11961,6 +12130,7 @@ struct reg_infer {
     const reg_infer_def *def; /* during the run */
     reg_model *model;
     regi_response response; /* where the organ was before the last round */
+    sbi_between *between;   /* lefts: data, then modes; rights: loads, the other modes, the residual */
     regi_look look;
     regi_gauss gauss;
     regi_infer_choice choice;
@@ -11975,15 +12145,19 @@ struct reg_infer {
     sb_vec3 *mark_seen;      /* [landmark_count] m */
     sb_real *mark_sd;        /* [landmark_count] m */
     double *raw;             /* [loads][gauss.most] responses of data, then resultants, to unit tractions and weight */
-    double *root;            /* [c][c] of the present prior */
+    double *root;            /* [c][c] of the present prior, lower triangle */
+    double *turned_root;     /* [c][c] its transpose, scratch */
+    double *tile;            /* [most][REGI_BLOCK_WIDTH] scratch */
     double *extended;        /* [most][most] gram of responses to tractions with their resultants */
     double *local, *trial_local;     /* [c] */
     double *energy;                  /* [c + 6] */
     double *c;                       /* [loads] found, in the gauss' units */
     double *draw;                    /* [loads] */
     double *datum;                   /* [most] scratch */
+    double *chances;                 /* [DRAWS][loads + REGI_GAUSS_POSES + most] */
     sb_vec3 *tractions;              /* [c] scratch */
-    sb_vec3 *row;                    /* [REGI_RESPONSE_GROUP][nodes] */
+    double *drift;                   /* [data][REGI_RESPONSE_MODES] forces that stop the drift of a datum's row */
+    sb_vec3 *row;                    /* [REG_INFER_DRAWS][nodes] */
     sb_vec3 *skin;                   /* [skin nodes] where they are (m) */
     sb_vec3 *forces;                 /* [nodes] found (N) */
     sb_vec3 *increment, *trial;      /* [nodes] */
@@ -12248,16 +12422,19 @@ static void regi_infer_fill_tractions(reg_infer *f)
 {
     int c = f->model->prior.control_count, rows = f->gauss.count + f->gauss.exact;
     size_t m = (size_t)f->gauss.most;
-    for (int k = 0; k < c; k++)
+    for (int k = 0; k < c; k += REGI_BLOCK_ROWS)
         for (int axis = 0; axis < 3; axis++) {
-            double *column = f->gauss.columns + (size_t)(3 * k + axis) * m;
-            memset(column, 0, (size_t)rows * sizeof *column);
-            for (int j = k; j < c; j++) {
-                double weight = f->root[(size_t)j * (size_t)c + (size_t)k];
-                const double *raw = f->raw + (size_t)(3 * j + axis) * m;
-                for (int i = 0; i < rows; i++)
-                    column[i] += weight * raw[i];
-            }
+            int have = sbi_min_int(REGI_BLOCK_ROWS, c - k);
+            double *columns = f->gauss.columns + (size_t)(3 * k + axis) * m;
+            regi_block block = {NULL, NULL, 0, 0, 1, 0}; /* root is 0 above the diagonal */
+            block.left = f->raw + (size_t)(3 * k + axis) * m;
+            block.left_stride = 3 * m;
+            block.right = f->root + (size_t)k * (size_t)c + (size_t)k;
+            block.right_step = (size_t)c;
+            block.depth = c - k;
+            for (int r = 0; r < have; r++)
+                memset(columns + (size_t)r * 3 * m, 0, (size_t)rows * sizeof *columns);
+            regi_block_add(&block, rows, have, 1, columns, 3 * m);
         }
 }
 
@@ -12406,6 +12583,32 @@ static int regi_infer_search(reg_infer *f, regi_infer_choice *best)
 
 /* ---- local scale ---- */
 
+/* What data leave of the variance of eight control points' tractions along an axis: left[8], in squares of the scale.
+ */
+static void regi_infer_leave(const reg_infer *f, int first, int axis, double *left)
+{
+    const regi_gauss *g = &f->gauss;
+    int c = f->model->prior.control_count, count = sbi_min_int(REGI_BLOCK_WIDTH, c - first);
+    size_t m = (size_t)g->most;
+    double *x = f->tile, sum[REGI_BLOCK_WIDTH];
+    regi_block block = {NULL, NULL, 0, 1, 0, 0};
+    memset(x, 0, (size_t)g->count * REGI_BLOCK_WIDTH * sizeof *x);
+    memset(sum, 0, sizeof sum);
+    block.left = f->turned_root + first;
+    block.left_stride = (size_t)c;
+    block.right = g->columns + (size_t)axis * m;
+    block.right_step = 3 * m;
+    block.right_stride = 1;
+    block.depth = first + count;
+    regi_block_add(&block, count, g->count, 1, x, REGI_BLOCK_WIDTH);
+    regi_gauss_whiten_many(g, x);
+    for (int i = 0; i < g->count; i++)
+        for (int j = 0; j < REGI_BLOCK_WIDTH; j++)
+            sum[j] += x[(size_t)i * REGI_BLOCK_WIDTH + (size_t)j] * x[(size_t)i * REGI_BLOCK_WIDTH + (size_t)j];
+    for (int j = 0; j < count; j++)
+        left[j] -= g->scale * g->scale * sum[j];
+}
+
 /* energy[c]: |tau|^2 to expect, of the mean and of what it leaves open. The gauss is solved. */
 static void regi_infer_expect_energy(reg_infer *f)
 {
@@ -12415,17 +12618,15 @@ static void regi_infer_expect_energy(reg_infer *f)
     sb_vec3 weight;
     regi_gauss_explain(g, g->multiplier, f->c, f->next);
     regi_infer_unfold(f, f->c, f->tractions, &weight);
+    for (int j = 0; j < c; j++)
+        for (int k = 0; k < c; k++)
+            f->turned_root[(size_t)k * (size_t)c + (size_t)j] = f->root[(size_t)j * (size_t)c + (size_t)k];
     for (int j = 0; j < c; j++) {
         const double *root = f->root + (size_t)j * (size_t)c;
         double left = 0;
         for (int axis = 0; axis < 3; axis++) {
-            memset(f->datum, 0, (size_t)g->count * sizeof(double));
-            for (int k = 0; k <= j; k++) {
-                const double *column = g->columns + (size_t)(3 * k + axis) * (size_t)g->most;
+            for (int k = 0; k <= j; k++)
                 left += root[k] * root[k];
-                for (int i = 0; i < g->count; i++)
-                    f->datum[i] += root[k] * column[i];
-            }
             for (int e = 0; e < g->exact; e++) {
                 const double *row = g->resultants + (size_t)e * (size_t)g->most_loads;
                 double along = 0;
@@ -12433,12 +12634,15 @@ static void regi_infer_expect_energy(reg_infer *f)
                     along += root[k] * row[3 * k + axis];
                 left -= along * along;
             }
-            regi_gauss_whiten(g, f->datum);
-            for (int i = 0; i < g->count; i++)
-                left -= square * f->datum[i] * f->datum[i];
         }
-        f->energy[j] = (double)sb_v3_dot(f->tractions[j], f->tractions[j]) + square * (left > 0 ? left : 0);
+        f->energy[j] = left;
     }
+    for (int j = 0; j < c; j += REGI_BLOCK_WIDTH)
+        for (int axis = 0; axis < 3; axis++)
+            regi_infer_leave(f, j, axis, f->energy + j);
+    for (int j = 0; j < c; j++)
+        f->energy[j] =
+            (double)sb_v3_dot(f->tractions[j], f->tractions[j]) + square * (f->energy[j] > 0 ? f->energy[j] : 0);
 }
 
 /* Loads of some places, while the evidence for them rises. */
@@ -12543,33 +12747,90 @@ static void regi_infer_store(reg_infer *f, int at, const sb_vec3 *row)
     }
 }
 
-/* Responses of all data, a group at a time, and the gaps that loads and pose have to close in all: those seen, and
- * those that would open if the present loads and pose went. */
+/* Adds a vector of forces to those that the inverse of the stiffness goes between. What is held takes none. */
+static void regi_infer_add_vector(reg_infer *f, int column, const sb_vec3 *forces)
+{
+    const unsigned char *held = sb_body_supports(f->model->body);
+    for (int i = 0; i < f->node_count; i++) {
+        sb_vec3 v = sbi_body_pick_axes(held[i], sb_v3(0, 0, 0), forces[i]);
+        if (v.x != 0 || v.y != 0 || v.z != 0)
+            sbi_between_add(f->between, column, i, v);
+    }
+}
+
+/* The rights: unit tractions of the control points, the weight's, which are the first modes, the other modes, the
+ * residual. */
+static void regi_infer_add_loads(reg_infer *f)
+{
+    const regi_prior *p = &f->model->prior;
+    int first = f->gauss.most + (int)REGI_RESPONSE_MODES, modes = first + 3 * p->control_count;
+    for (int i = 0; i < f->node_count; i++)
+        for (int k = p->start[i]; k < p->start[i + 1]; k++)
+            for (int axis = 0; axis < 3; axis++)
+                sbi_between_add(f->between, first + 3 * p->controls[k] + axis, i,
+                                sb_v3_scale(p->shares[k], sb_v3(axis == 0, axis == 1, axis == 2)));
+    for (int k = 0; k < (f->model->held ? 3 : (int)REGI_RESPONSE_MODES); k++) {
+        regi_response_mode(&f->response, k, f->row);
+        regi_infer_add_vector(f, modes + k, f->row);
+        if (!f->model->held)
+            regi_infer_add_vector(f, f->gauss.most + k, f->row);
+    }
+    regi_infer_add_vector(f, modes + REGI_RESPONSE_MODES, f->response.residual);
+}
+
+/* The lefts: the data's rows; their gaps and what the pose does to them. */
+static void regi_infer_add_data(reg_infer *f)
+{
+    regi_gauss *g = &f->gauss;
+    for (int s = 0; s < g->count; s++) {
+        double pose[REGI_INFER_POSE];
+        memset(f->row, 0, (size_t)f->node_count * sizeof *f->row);
+        regi_infer_row(f, s, f->row, g->gap + s, pose);
+        for (int k = 0; k < REGI_INFER_POSE; k++) {
+            g->pose[(size_t)k * (size_t)g->most + (size_t)s] = pose[k] * f->pose_sd[k];
+            g->gap[s] += pose[k] * f->pose[k];
+        }
+        g->pose[(size_t)REGI_INFER_POSE * (size_t)g->most + (size_t)s] =
+            f->patch_of[s] < 0 ? 0 : REGI_INFER_OFFSET * (double)f->model->size;
+        regi_infer_add_vector(f, s, f->row);
+    }
+}
+
+/* What a right does to all data, the motion as a whole taken out by forces on the modes: out[count]. drift: [count]
+ * [MODES] such forces for each datum. */
+static void regi_infer_answer(const reg_infer *f, int right, const double *drift, double *out)
+{
+    double along[REGI_RESPONSE_MODES];
+    for (int k = 0; k < REGI_RESPONSE_MODES; k++)
+        along[k] = f->model->held ? 0 : (double)sbi_between_get(f->between, f->gauss.most + k, right);
+    for (int s = 0; s < f->gauss.count; s++) {
+        out[s] = (double)sbi_between_get(f->between, s, right);
+        for (int k = 0; k < REGI_RESPONSE_MODES && !f->model->held; k++)
+            out[s] -= along[k] * drift[s * REGI_RESPONSE_MODES + k];
+    }
+}
+
+/* Responses of all data, and the gaps that loads and pose have to close in all: those seen, and those that would open
+ * if the present loads and pose went. */
 static void regi_infer_measure_data(reg_infer *f)
 {
     regi_gauss *g = &f->gauss;
-    size_t n = (size_t)f->node_count;
-    for (int first = 0; first < g->count; first += REGI_RESPONSE_GROUP) {
-        int count = sbi_min_int(REGI_RESPONSE_GROUP, g->count - first);
-        memset(f->row, 0, (size_t)count * n * sizeof *f->row);
-        for (int s = 0; s < count; s++) {
-            double pose[REGI_INFER_POSE];
-            regi_infer_row(f, first + s, f->row + (size_t)s * n, g->gap + first + s, pose);
-            for (int k = 0; k < REGI_INFER_POSE; k++) {
-                g->pose[(size_t)k * (size_t)g->most + (size_t)(first + s)] = pose[k] * f->pose_sd[k];
-                g->gap[first + s] += pose[k] * f->pose[k];
-            }
-            g->pose[(size_t)REGI_INFER_POSE * (size_t)g->most + (size_t)(first + s)] =
-                f->patch_of[first + s] < 0 ? 0 : REGI_INFER_OFFSET * (double)f->model->size;
-        }
-        regi_response_solve(&f->response, f->row, count);
-        for (int s = 0; s < count; s++) {
-            const sb_vec3 *row = f->row + (size_t)s * n;
-            for (size_t i = 0; i < n; i++)
-                g->gap[first + s] += (double)sb_v3_dot(row[i], f->response.residual[i]);
-            regi_infer_store(f, first + s, row);
-        }
+    int modes = 3 * f->model->prior.control_count;
+    sbi_between_clear(f->between);
+    regi_infer_add_data(f);
+    regi_infer_add_loads(f);
+    (void)sbi_between_run(f->between); /* the factor is there */
+    for (int s = 0; s < g->count && !f->model->held; s++) {
+        double *drift = f->drift + (size_t)s * REGI_RESPONSE_MODES;
+        for (int k = 0; k < REGI_RESPONSE_MODES; k++)
+            drift[k] = (double)sbi_between_get(f->between, s, modes + k);
+        regi_gauss_substitute(f->response.drift_system, REGI_RESPONSE_MODES, REGI_RESPONSE_MODES, drift);
     }
+    for (int b = 0; b < f->loads; b++)
+        regi_infer_answer(f, b, f->drift, f->raw + (size_t)b * (size_t)g->most);
+    regi_infer_answer(f, modes + REGI_RESPONSE_MODES, f->drift, f->datum);
+    for (int s = 0; s < g->count; s++)
+        g->gap[s] += f->datum[s];
 }
 
 /* Forces and torques about the centre, over the size, of unit loads where the organ is now. */
@@ -12845,20 +13106,44 @@ static void regi_infer_draw_material(const reg_infer *f, int regions, regi_chanc
 
 /* ---- draws ---- */
 
+/* Standard normal deviates of a draw's loads, pose and noise. */
+static double *regi_infer_chances(const reg_infer *f, int draw)
+{
+    return f->chances + (size_t)draw * (size_t)(f->loads + REGI_GAUSS_POSES + f->gauss.most);
+}
+
+/* What the material does in all draws, as forces into row, and the chances of the rest. They come in turns of four
+ * draws, in which results are as they always were. */
+static void regi_infer_draw_chances(reg_infer *f, int regions)
+{
+    enum { TURN = 4 };
+    const regi_gauss *g = &f->gauss;
+    regi_chance chance = {(uint64_t)0x9e3779b97f4a7c15u, 0, 0};
+    for (int first = 0; first < REG_INFER_DRAWS; first += TURN) {
+        for (int k = first; k < first + TURN; k++)
+            regi_infer_draw_material(f, regions, &chance, f->row + (size_t)k * (size_t)f->node_count);
+        for (int k = first; k < first + TURN; k++) {
+            double *z = regi_infer_chances(f, k);
+            for (int i = 0; i < g->loads + g->poses + g->count; i++)
+                z[i] = regi_chance_normal(&chance);
+        }
+    }
+}
+
 /* One draw of the error: its forces into `forces`, its pose into pose[7] (m, rad). errors holds what the material does.
  */
-static void regi_infer_condition_draw(reg_infer *f, regi_chance *chance, const sb_vec3 *errors, sb_vec3 *forces,
+static void regi_infer_condition_draw(reg_infer *f, const double *z, const sb_vec3 *errors, sb_vec3 *forces,
                                       double pose[REGI_GAUSS_POSES])
 {
     regi_gauss *g = &f->gauss;
     sb_vec3 weight;
     for (int b = 0; b < g->loads; b++)
-        f->draw[b] = g->scale * regi_chance_normal(chance);
+        f->draw[b] = g->scale * *z++;
     regi_gauss_balance(g, f->draw);
     for (int k = 0; k < g->poses; k++)
-        pose[k] = regi_chance_normal(chance);
+        pose[k] = *z++;
     for (int i = 0; i < g->count; i++)
-        f->datum[i] = sqrt(g->variance[i]) * regi_chance_normal(chance) + regi_infer_measure(f, i, errors);
+        f->datum[i] = sqrt(g->variance[i]) * *z++ + regi_infer_measure(f, i, errors);
     regi_gauss_condition(g, f->draw, pose, f->datum);
     for (int k = 0; k < REGI_INFER_POSE; k++)
         pose[k] *= f->pose_sd[k];
@@ -12878,19 +13163,20 @@ static void regi_infer_add_draw(const reg_infer *f, const sb_vec3 *moved, const 
     }
 }
 
-static void regi_infer_draw_group(reg_infer *f, int regions, int first, int count, regi_chance *chance)
+static void regi_infer_draw_all(reg_infer *f, int regions)
 {
     size_t n = (size_t)f->node_count;
-    double pose[SBI_FRONT_GROUP][REGI_GAUSS_POSES];
-    for (int s = 0; s < count; s++)
-        regi_infer_draw_material(f, regions, chance, f->row + (size_t)s * n);
-    regi_response_solve(&f->response, f->row, count);
-    memcpy(f->errors + (size_t)first * n, f->row, (size_t)count * n * sizeof *f->row);
-    for (int s = 0; s < count; s++)
-        regi_infer_condition_draw(f, chance, f->errors + (size_t)(first + s) * n, f->row + (size_t)s * n, pose[s]);
-    regi_response_solve(&f->response, f->row, count);
-    for (int s = 0; s < count; s++) {
-        regi_infer_add_draw(f, f->row + (size_t)s * n, pose[s], f->errors + (size_t)(first + s) * n);
+    double pose[REG_INFER_DRAWS][REGI_GAUSS_POSES];
+    regi_infer_draw_chances(f, regions);
+    regi_response_solve(&f->response, f->row, REG_INFER_DRAWS);
+    memcpy(f->errors, f->row, (size_t)REG_INFER_DRAWS * n * sizeof *f->row);
+    for (int s = 0; s < REG_INFER_DRAWS; s++)
+        regi_infer_condition_draw(f, regi_infer_chances(f, s), f->errors + (size_t)s * n, f->row + (size_t)s * n,
+                                  pose[s]);
+    regi_response_solve(&f->response, f->row, REG_INFER_DRAWS);
+    memset(f->energy, 0, REGI_INFER_POSE * sizeof *f->energy);
+    for (int s = 0; s < REG_INFER_DRAWS; s++) {
+        regi_infer_add_draw(f, f->row + (size_t)s * n, pose[s], f->errors + (size_t)s * n);
         for (int k = 0; k < REGI_INFER_POSE; k++)
             f->energy[k] += pose[s][k] * pose[s][k] / (double)REG_INFER_DRAWS;
     }
@@ -12949,7 +13235,6 @@ static void regi_infer_hedge(reg_infer *f)
 
 static sb_result regi_infer_draw_errors(reg_infer *f, sb_error *error)
 {
-    regi_chance chance = {(uint64_t)0x9e3779b97f4a7c15u, 0, 0};
     sb_real alpha = (sb_real)regi_infer_alpha(f->quality.seen);
     int regions = 0;
     sb_result result = regi_infer_find_regions(f, &regions, error);
@@ -12958,9 +13243,7 @@ static sb_result regi_infer_draw_errors(reg_infer *f, sb_error *error)
     if (!regi_infer_widen(f))
         return sbi_fail(error, SB_ERROR_NOT_CONVERGED, "what is to be expected of the errors cannot be told");
     regi_infer_split_forces(f);
-    memset(f->energy, 0, REGI_INFER_POSE * sizeof *f->energy);
-    for (int first = 0; first < REG_INFER_DRAWS; first += SBI_FRONT_GROUP)
-        regi_infer_draw_group(f, regions, first, sbi_min_int(SBI_FRONT_GROUP, REG_INFER_DRAWS - first), &chance);
+    regi_infer_draw_all(f, regions);
     for (size_t k = 0; k < (size_t)REG_INFER_DRAWS * (size_t)f->node_count; k++)
         f->errors[k] = sb_v3_scale(alpha, f->errors[k]);
     for (int k = 0; k < REGI_INFER_POSE; k++)
@@ -13274,6 +13557,8 @@ static void regi_infer_layout(reg_infer *f, sbi_arena *arena)
     f->mark_sd = (sb_real *)sbi_arena_take(arena, marks, sizeof(sb_real));
     f->raw = (double *)sbi_arena_take(arena, loads, most * real);
     f->root = (double *)sbi_arena_take(arena, c, c * real);
+    f->turned_root = (double *)sbi_arena_take(arena, c, c * real);
+    f->tile = (double *)sbi_arena_take(arena, most, REGI_BLOCK_WIDTH * real);
     f->extended = (double *)sbi_arena_take(arena, most, most * real);
     f->local = (double *)sbi_arena_take(arena, c, real);
     f->trial_local = (double *)sbi_arena_take(arena, c, real);
@@ -13281,8 +13566,10 @@ static void regi_infer_layout(reg_infer *f, sbi_arena *arena)
     f->c = (double *)sbi_arena_take(arena, loads, real);
     f->draw = (double *)sbi_arena_take(arena, loads, real);
     f->datum = (double *)sbi_arena_take(arena, most, real);
+    f->chances = (double *)sbi_arena_take(arena, loads + REGI_GAUSS_POSES + most, REG_INFER_DRAWS * real);
     f->tractions = (sb_vec3 *)sbi_arena_take(arena, c, vec);
-    f->row = (sb_vec3 *)sbi_arena_take(arena, n, REGI_RESPONSE_GROUP * vec);
+    f->drift = (double *)sbi_arena_take(arena, most, REGI_RESPONSE_MODES * real);
+    f->row = (sb_vec3 *)sbi_arena_take(arena, n, REG_INFER_DRAWS * vec);
     f->skin = (sb_vec3 *)sbi_arena_take(arena, (size_t)f->model->skin.node_count, vec);
     regi_response_layout(&f->response, f->node_count, arena);
     f->forces = (sb_vec3 *)sbi_arena_take(arena, n, vec);
@@ -13312,6 +13599,30 @@ static sb_result regi_infer_allocate(reg_infer *f, sb_error *error)
     if (result == SB_OK)
         result = sbi_body_make_factor(f->model->body, &f->allocator, &f->response.direct, error);
     return result;
+}
+
+/* Nodes that the rows of a mapping have at most. */
+static size_t regi_infer_widest(const sb_mapping *mapping, int rows)
+{
+    int most = 0;
+    for (int i = 0; i < rows; i++)
+        most = sbi_max_int(most, mapping->row_start[i + 1] - mapping->row_start[i]);
+    return (size_t)most;
+}
+
+/* Room for all that the inverse goes between: nodes that patches and landmarks depend on, those that control points
+ * act on along three axes, and dense vectors: modes on either side and the residual. */
+static sb_result regi_infer_make_between(reg_infer *f, sb_error *error)
+{
+    const reg_model *m = f->model;
+    size_t n = (size_t)f->node_count, marks = (size_t)f->landmark_count, dense = (size_t)f->look.patch_count * n;
+    size_t points = 3 * (size_t)f->look.point_count * regi_infer_widest(&m->rows.mapping, m->skin.node_count);
+    size_t entries = (points < dense ? points : dense) + 3 * (size_t)m->prior.start[n];
+    if (marks > 0)
+        entries += 3 * marks * regi_infer_widest(&f->marks.mapping, f->landmark_count);
+    return sbi_between_create(f->response.direct, f->gauss.most + REGI_RESPONSE_MODES,
+                              3 * m->prior.control_count + REGI_RESPONSE_MODES + 1,
+                              entries + (2 * REGI_RESPONSE_MODES + 1) * n, &f->allocator, &f->between, error);
 }
 
 /* The organ at the start, and what the pose may be about it. */
@@ -13386,6 +13697,8 @@ static sb_result regi_infer_make(reg_infer *f, const sb_mesh *triangles, sb_erro
     if (result == SB_OK)
         result = regi_infer_take_landmarks(f, error);
     if (result == SB_OK)
+        result = regi_infer_make_between(f, error);
+    if (result == SB_OK)
         result = regi_infer_begin(f);
     if (result == SB_OK)
         result = regi_infer_iterate(f, error);
@@ -13433,6 +13746,7 @@ REG_API void reg_infer_destroy(reg_infer *infer)
         return;
     allocator = infer->allocator;
     sb_embedding_rows_free(&infer->marks);
+    sbi_between_free(infer->between);
     sb_direct_free(infer->response.direct);
     regi_gauss_free(&infer->gauss);
     sbi_free(&allocator, infer->memory);

@@ -5,6 +5,7 @@
 #include <string.h>
 
 #include "../softbody/base/eigen.h"
+#include "block.h"
 
 enum { REGI_GAUSS_SCALES = 67 }; /* of the grid */
 
@@ -70,42 +71,50 @@ static void regi_gauss_add(double *SB_RESTRICT to, double factor, const double *
         to[i] += factor * from[i];
 }
 
-/* to += sum of four rows: one pass over `to` for four. */
-static void regi_gauss_add_four(double *SB_RESTRICT to, const double f[4], const double *SB_RESTRICT from,
-                                size_t stride, int n)
+/* Upper triangle of upper[n][stride] += factor * rows^T rows of rows[count][stride]. */
+static void regi_gauss_square(double *upper, int n, double factor, const double *rows, int count, size_t stride)
 {
-    const double *a = from, *b = a + stride, *c = b + stride, *d = c + stride;
-    for (int i = 0; i < n; i++)
-        to[i] += f[0] * a[i] + f[1] * b[i] + f[2] * c[i] + f[3] * d[i];
+    enum { DEPTH = 128, SIDE = REGI_BLOCK_WIDTH }; /* rows that stay near */
+    for (int k = 0; k < count; k += DEPTH)
+        for (int i = 0; i < n; i += SIDE) {
+            const double *at = rows + (size_t)k * stride + i;
+            regi_block block = {NULL, NULL, 0, 0, 1, 0};
+            double corner[(int)SIDE * (int)SIDE], *to = upper + (size_t)i * stride + i;
+            int side = sbi_min_int(SIDE, n - i);
+            block.left = block.right = at;
+            block.left_stride = block.right_step = stride;
+            block.depth = sbi_min_int(DEPTH, count - k);
+            memset(corner, 0, sizeof corner);
+            regi_block_add(&block, side, side, factor, corner, SIDE);
+            for (int r = 0; r < side; r++)
+                regi_gauss_add(to + (size_t)r * stride + r, 1, corner + r * (int)SIDE + r, side - r);
+            block.left += side;
+            regi_block_add(&block, n - i - side, side, factor, to + side, stride);
+        }
 }
 
 REGI_API void regi_gauss_add_squares(double *upper, int n, const double *rows, int count, size_t stride)
 {
-    int k = 0;
-    for (; k + 4 <= count; k += 4)
-        for (int i = 0; i < n; i++) {
-            const double *at = rows + (size_t)k * stride + i;
-            const double f[4] = {at[0], at[stride], at[2 * stride], at[3 * stride]};
-            regi_gauss_add_four(upper + (size_t)i * stride + i, f, at, stride, n - i);
-        }
-    for (; k < count; k++)
-        for (int i = 0; i < n; i++) {
-            const double *at = rows + (size_t)k * stride + i;
-            regi_gauss_add(upper + (size_t)i * stride + i, *at, at, n - i);
-        }
+    regi_gauss_square(upper, n, 1, rows, count, stride);
 }
 
 REGI_API int regi_gauss_cholesky(double *a, int n, size_t stride)
 {
-    for (int k = 0; k < n; k++) {
-        double *row = a + (size_t)k * stride, scale;
-        if (!(row[k] > 0))
-            return 0;
-        scale = 1 / sqrt(row[k]);
-        for (int j = k; j < n; j++)
-            row[j] *= scale;
-        for (int i = k + 1; i < n; i++)
-            regi_gauss_add(a + (size_t)i * stride + i, -row[i], row + i, n - i);
+    enum { BLOCK = 32 };
+    for (int first = 0; first < n; first += BLOCK) {
+        int next = sbi_min_int(first + BLOCK, n);
+        for (int k = first; k < next; k++) {
+            double *row = a + (size_t)k * stride, scale;
+            if (!(row[k] > 0))
+                return 0;
+            scale = 1 / sqrt(row[k]);
+            for (int j = k; j < n; j++)
+                row[j] *= scale;
+            for (int i = k + 1; i < next; i++)
+                regi_gauss_add(a + (size_t)i * stride + i, -row[i], row + i, n - i);
+        }
+        regi_gauss_square(a + (size_t)next * stride + next, n - next, -1, a + (size_t)first * stride + next,
+                          next - first, stride);
     }
     return 1;
 }
@@ -206,6 +215,11 @@ REGI_API int regi_gauss_solve(regi_gauss *g)
 REGI_API void regi_gauss_whiten(const regi_gauss *g, double *r)
 {
     regi_gauss_forward(g->system, g->count, (size_t)g->most, r);
+}
+
+REGI_API void regi_gauss_whiten_many(const regi_gauss *g, double *x)
+{
+    regi_block_forward(g->system, g->count, (size_t)g->most, x);
 }
 
 REGI_API void regi_gauss_apply_inverse(const regi_gauss *g, double *r)

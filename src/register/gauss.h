@@ -8,7 +8,7 @@
 #ifndef REGI_GAUSS_H
 #define REGI_GAUSS_H
 
-#include "api.h"
+#include "block.h"
 
 enum {
     REGI_GAUSS_POSES = 7, /* most columns of R, */
@@ -61,6 +61,8 @@ REGI_API int regi_gauss_solve(regi_gauss *gauss);
 REGI_API void regi_gauss_apply_inverse(const regi_gauss *gauss, double *r);
 /* r <- U^-T r: of length |r|^2 = r^T S^-1 r. */
 REGI_API void regi_gauss_whiten(const regi_gauss *gauss, double *r);
+/* The same for x[count][REGI_BLOCK_WIDTH], as many at once. */
+REGI_API void regi_gauss_whiten_many(const regi_gauss *gauss, double *x);
 /* c[loads], p[poses] that multipliers y[count] stand for. */
 REGI_API void regi_gauss_explain(const regi_gauss *gauss, const double *y, double *c, double *p);
 /* out[count] = V c + R p. */

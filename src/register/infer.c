@@ -160,6 +160,8 @@ static void regi_infer_layout(reg_infer *f, sbi_arena *arena)
     f->mark_sd = (sb_real *)sbi_arena_take(arena, marks, sizeof(sb_real));
     f->raw = (double *)sbi_arena_take(arena, loads, most * real);
     f->root = (double *)sbi_arena_take(arena, c, c * real);
+    f->turned_root = (double *)sbi_arena_take(arena, c, c * real);
+    f->tile = (double *)sbi_arena_take(arena, most, REGI_BLOCK_WIDTH * real);
     f->extended = (double *)sbi_arena_take(arena, most, most * real);
     f->local = (double *)sbi_arena_take(arena, c, real);
     f->trial_local = (double *)sbi_arena_take(arena, c, real);
@@ -167,8 +169,10 @@ static void regi_infer_layout(reg_infer *f, sbi_arena *arena)
     f->c = (double *)sbi_arena_take(arena, loads, real);
     f->draw = (double *)sbi_arena_take(arena, loads, real);
     f->datum = (double *)sbi_arena_take(arena, most, real);
+    f->chances = (double *)sbi_arena_take(arena, loads + REGI_GAUSS_POSES + most, REG_INFER_DRAWS * real);
     f->tractions = (sb_vec3 *)sbi_arena_take(arena, c, vec);
-    f->row = (sb_vec3 *)sbi_arena_take(arena, n, REGI_RESPONSE_GROUP * vec);
+    f->drift = (double *)sbi_arena_take(arena, most, REGI_RESPONSE_MODES * real);
+    f->row = (sb_vec3 *)sbi_arena_take(arena, n, REG_INFER_DRAWS * vec);
     f->skin = (sb_vec3 *)sbi_arena_take(arena, (size_t)f->model->skin.node_count, vec);
     regi_response_layout(&f->response, f->node_count, arena);
     f->forces = (sb_vec3 *)sbi_arena_take(arena, n, vec);
@@ -198,6 +202,30 @@ static sb_result regi_infer_allocate(reg_infer *f, sb_error *error)
     if (result == SB_OK)
         result = sbi_body_make_factor(f->model->body, &f->allocator, &f->response.direct, error);
     return result;
+}
+
+/* Nodes that the rows of a mapping have at most. */
+static size_t regi_infer_widest(const sb_mapping *mapping, int rows)
+{
+    int most = 0;
+    for (int i = 0; i < rows; i++)
+        most = sbi_max_int(most, mapping->row_start[i + 1] - mapping->row_start[i]);
+    return (size_t)most;
+}
+
+/* Room for all that the inverse goes between: nodes that patches and landmarks depend on, those that control points
+ * act on along three axes, and dense vectors: modes on either side and the residual. */
+static sb_result regi_infer_make_between(reg_infer *f, sb_error *error)
+{
+    const reg_model *m = f->model;
+    size_t n = (size_t)f->node_count, marks = (size_t)f->landmark_count, dense = (size_t)f->look.patch_count * n;
+    size_t points = 3 * (size_t)f->look.point_count * regi_infer_widest(&m->rows.mapping, m->skin.node_count);
+    size_t entries = (points < dense ? points : dense) + 3 * (size_t)m->prior.start[n];
+    if (marks > 0)
+        entries += 3 * marks * regi_infer_widest(&f->marks.mapping, f->landmark_count);
+    return sbi_between_create(f->response.direct, f->gauss.most + REGI_RESPONSE_MODES,
+                              3 * m->prior.control_count + REGI_RESPONSE_MODES + 1,
+                              entries + (2 * REGI_RESPONSE_MODES + 1) * n, &f->allocator, &f->between, error);
 }
 
 /* The organ at the start, and what the pose may be about it. */
@@ -272,6 +300,8 @@ static sb_result regi_infer_make(reg_infer *f, const sb_mesh *triangles, sb_erro
     if (result == SB_OK)
         result = regi_infer_take_landmarks(f, error);
     if (result == SB_OK)
+        result = regi_infer_make_between(f, error);
+    if (result == SB_OK)
         result = regi_infer_begin(f);
     if (result == SB_OK)
         result = regi_infer_iterate(f, error);
@@ -319,6 +349,7 @@ REG_API void reg_infer_destroy(reg_infer *infer)
         return;
     allocator = infer->allocator;
     sb_embedding_rows_free(&infer->marks);
+    sbi_between_free(infer->between);
     sb_direct_free(infer->response.direct);
     regi_gauss_free(&infer->gauss);
     sbi_free(&allocator, infer->memory);

@@ -141,20 +141,44 @@ static void regi_infer_draw_material(const reg_infer *f, int regions, regi_chanc
 
 /* ---- draws ---- */
 
+/* Standard normal deviates of a draw's loads, pose and noise. */
+static double *regi_infer_chances(const reg_infer *f, int draw)
+{
+    return f->chances + (size_t)draw * (size_t)(f->loads + REGI_GAUSS_POSES + f->gauss.most);
+}
+
+/* What the material does in all draws, as forces into row, and the chances of the rest. They come in turns of four
+ * draws, in which results are as they always were. */
+static void regi_infer_draw_chances(reg_infer *f, int regions)
+{
+    enum { TURN = 4 };
+    const regi_gauss *g = &f->gauss;
+    regi_chance chance = {(uint64_t)0x9e3779b97f4a7c15u, 0, 0};
+    for (int first = 0; first < REG_INFER_DRAWS; first += TURN) {
+        for (int k = first; k < first + TURN; k++)
+            regi_infer_draw_material(f, regions, &chance, f->row + (size_t)k * (size_t)f->node_count);
+        for (int k = first; k < first + TURN; k++) {
+            double *z = regi_infer_chances(f, k);
+            for (int i = 0; i < g->loads + g->poses + g->count; i++)
+                z[i] = regi_chance_normal(&chance);
+        }
+    }
+}
+
 /* One draw of the error: its forces into `forces`, its pose into pose[7] (m, rad). errors holds what the material does.
  */
-static void regi_infer_condition_draw(reg_infer *f, regi_chance *chance, const sb_vec3 *errors, sb_vec3 *forces,
+static void regi_infer_condition_draw(reg_infer *f, const double *z, const sb_vec3 *errors, sb_vec3 *forces,
                                       double pose[REGI_GAUSS_POSES])
 {
     regi_gauss *g = &f->gauss;
     sb_vec3 weight;
     for (int b = 0; b < g->loads; b++)
-        f->draw[b] = g->scale * regi_chance_normal(chance);
+        f->draw[b] = g->scale * *z++;
     regi_gauss_balance(g, f->draw);
     for (int k = 0; k < g->poses; k++)
-        pose[k] = regi_chance_normal(chance);
+        pose[k] = *z++;
     for (int i = 0; i < g->count; i++)
-        f->datum[i] = sqrt(g->variance[i]) * regi_chance_normal(chance) + regi_infer_measure(f, i, errors);
+        f->datum[i] = sqrt(g->variance[i]) * *z++ + regi_infer_measure(f, i, errors);
     regi_gauss_condition(g, f->draw, pose, f->datum);
     for (int k = 0; k < REGI_INFER_POSE; k++)
         pose[k] *= f->pose_sd[k];
@@ -174,19 +198,20 @@ static void regi_infer_add_draw(const reg_infer *f, const sb_vec3 *moved, const 
     }
 }
 
-static void regi_infer_draw_group(reg_infer *f, int regions, int first, int count, regi_chance *chance)
+static void regi_infer_draw_all(reg_infer *f, int regions)
 {
     size_t n = (size_t)f->node_count;
-    double pose[SBI_FRONT_GROUP][REGI_GAUSS_POSES];
-    for (int s = 0; s < count; s++)
-        regi_infer_draw_material(f, regions, chance, f->row + (size_t)s * n);
-    regi_response_solve(&f->response, f->row, count);
-    memcpy(f->errors + (size_t)first * n, f->row, (size_t)count * n * sizeof *f->row);
-    for (int s = 0; s < count; s++)
-        regi_infer_condition_draw(f, chance, f->errors + (size_t)(first + s) * n, f->row + (size_t)s * n, pose[s]);
-    regi_response_solve(&f->response, f->row, count);
-    for (int s = 0; s < count; s++) {
-        regi_infer_add_draw(f, f->row + (size_t)s * n, pose[s], f->errors + (size_t)(first + s) * n);
+    double pose[REG_INFER_DRAWS][REGI_GAUSS_POSES];
+    regi_infer_draw_chances(f, regions);
+    regi_response_solve(&f->response, f->row, REG_INFER_DRAWS);
+    memcpy(f->errors, f->row, (size_t)REG_INFER_DRAWS * n * sizeof *f->row);
+    for (int s = 0; s < REG_INFER_DRAWS; s++)
+        regi_infer_condition_draw(f, regi_infer_chances(f, s), f->errors + (size_t)s * n, f->row + (size_t)s * n,
+                                  pose[s]);
+    regi_response_solve(&f->response, f->row, REG_INFER_DRAWS);
+    memset(f->energy, 0, REGI_INFER_POSE * sizeof *f->energy);
+    for (int s = 0; s < REG_INFER_DRAWS; s++) {
+        regi_infer_add_draw(f, f->row + (size_t)s * n, pose[s], f->errors + (size_t)s * n);
         for (int k = 0; k < REGI_INFER_POSE; k++)
             f->energy[k] += pose[s][k] * pose[s][k] / (double)REG_INFER_DRAWS;
     }
@@ -245,7 +270,6 @@ static void regi_infer_hedge(reg_infer *f)
 
 static sb_result regi_infer_draw_errors(reg_infer *f, sb_error *error)
 {
-    regi_chance chance = {(uint64_t)0x9e3779b97f4a7c15u, 0, 0};
     sb_real alpha = (sb_real)regi_infer_alpha(f->quality.seen);
     int regions = 0;
     sb_result result = regi_infer_find_regions(f, &regions, error);
@@ -254,9 +278,7 @@ static sb_result regi_infer_draw_errors(reg_infer *f, sb_error *error)
     if (!regi_infer_widen(f))
         return sbi_fail(error, SB_ERROR_NOT_CONVERGED, "what is to be expected of the errors cannot be told");
     regi_infer_split_forces(f);
-    memset(f->energy, 0, REGI_INFER_POSE * sizeof *f->energy);
-    for (int first = 0; first < REG_INFER_DRAWS; first += SBI_FRONT_GROUP)
-        regi_infer_draw_group(f, regions, first, sbi_min_int(SBI_FRONT_GROUP, REG_INFER_DRAWS - first), &chance);
+    regi_infer_draw_all(f, regions);
     for (size_t k = 0; k < (size_t)REG_INFER_DRAWS * (size_t)f->node_count; k++)
         f->errors[k] = sb_v3_scale(alpha, f->errors[k]);
     for (int k = 0; k < REGI_INFER_POSE; k++)

@@ -22,16 +22,19 @@ static void regi_infer_fill_tractions(reg_infer *f)
 {
     int c = f->model->prior.control_count, rows = f->gauss.count + f->gauss.exact;
     size_t m = (size_t)f->gauss.most;
-    for (int k = 0; k < c; k++)
+    for (int k = 0; k < c; k += REGI_BLOCK_ROWS)
         for (int axis = 0; axis < 3; axis++) {
-            double *column = f->gauss.columns + (size_t)(3 * k + axis) * m;
-            memset(column, 0, (size_t)rows * sizeof *column);
-            for (int j = k; j < c; j++) {
-                double weight = f->root[(size_t)j * (size_t)c + (size_t)k];
-                const double *raw = f->raw + (size_t)(3 * j + axis) * m;
-                for (int i = 0; i < rows; i++)
-                    column[i] += weight * raw[i];
-            }
+            int have = sbi_min_int(REGI_BLOCK_ROWS, c - k);
+            double *columns = f->gauss.columns + (size_t)(3 * k + axis) * m;
+            regi_block block = {NULL, NULL, 0, 0, 1, 0}; /* root is 0 above the diagonal */
+            block.left = f->raw + (size_t)(3 * k + axis) * m;
+            block.left_stride = 3 * m;
+            block.right = f->root + (size_t)k * (size_t)c + (size_t)k;
+            block.right_step = (size_t)c;
+            block.depth = c - k;
+            for (int r = 0; r < have; r++)
+                memset(columns + (size_t)r * 3 * m, 0, (size_t)rows * sizeof *columns);
+            regi_block_add(&block, rows, have, 1, columns, 3 * m);
         }
 }
 
@@ -180,6 +183,32 @@ static int regi_infer_search(reg_infer *f, regi_infer_choice *best)
 
 /* ---- local scale ---- */
 
+/* What data leave of the variance of eight control points' tractions along an axis: left[8], in squares of the scale.
+ */
+static void regi_infer_leave(const reg_infer *f, int first, int axis, double *left)
+{
+    const regi_gauss *g = &f->gauss;
+    int c = f->model->prior.control_count, count = sbi_min_int(REGI_BLOCK_WIDTH, c - first);
+    size_t m = (size_t)g->most;
+    double *x = f->tile, sum[REGI_BLOCK_WIDTH];
+    regi_block block = {NULL, NULL, 0, 1, 0, 0};
+    memset(x, 0, (size_t)g->count * REGI_BLOCK_WIDTH * sizeof *x);
+    memset(sum, 0, sizeof sum);
+    block.left = f->turned_root + first;
+    block.left_stride = (size_t)c;
+    block.right = g->columns + (size_t)axis * m;
+    block.right_step = 3 * m;
+    block.right_stride = 1;
+    block.depth = first + count;
+    regi_block_add(&block, count, g->count, 1, x, REGI_BLOCK_WIDTH);
+    regi_gauss_whiten_many(g, x);
+    for (int i = 0; i < g->count; i++)
+        for (int j = 0; j < REGI_BLOCK_WIDTH; j++)
+            sum[j] += x[(size_t)i * REGI_BLOCK_WIDTH + (size_t)j] * x[(size_t)i * REGI_BLOCK_WIDTH + (size_t)j];
+    for (int j = 0; j < count; j++)
+        left[j] -= g->scale * g->scale * sum[j];
+}
+
 /* energy[c]: |tau|^2 to expect, of the mean and of what it leaves open. The gauss is solved. */
 static void regi_infer_expect_energy(reg_infer *f)
 {
@@ -189,17 +218,15 @@ static void regi_infer_expect_energy(reg_infer *f)
     sb_vec3 weight;
     regi_gauss_explain(g, g->multiplier, f->c, f->next);
     regi_infer_unfold(f, f->c, f->tractions, &weight);
+    for (int j = 0; j < c; j++)
+        for (int k = 0; k < c; k++)
+            f->turned_root[(size_t)k * (size_t)c + (size_t)j] = f->root[(size_t)j * (size_t)c + (size_t)k];
     for (int j = 0; j < c; j++) {
         const double *root = f->root + (size_t)j * (size_t)c;
         double left = 0;
         for (int axis = 0; axis < 3; axis++) {
-            memset(f->datum, 0, (size_t)g->count * sizeof(double));
-            for (int k = 0; k <= j; k++) {
-                const double *column = g->columns + (size_t)(3 * k + axis) * (size_t)g->most;
+            for (int k = 0; k <= j; k++)
                 left += root[k] * root[k];
-                for (int i = 0; i < g->count; i++)
-                    f->datum[i] += root[k] * column[i];
-            }
             for (int e = 0; e < g->exact; e++) {
                 const double *row = g->resultants + (size_t)e * (size_t)g->most_loads;
                 double along = 0;
@@ -207,12 +234,15 @@ static void regi_infer_expect_energy(reg_infer *f)
                     along += root[k] * row[3 * k + axis];
                 left -= along * along;
             }
-            regi_gauss_whiten(g, f->datum);
-            for (int i = 0; i < g->count; i++)
-                left -= square * f->datum[i] * f->datum[i];
         }
-        f->energy[j] = (double)sb_v3_dot(f->tractions[j], f->tractions[j]) + square * (left > 0 ? left : 0);
+        f->energy[j] = left;
     }
+    for (int j = 0; j < c; j += REGI_BLOCK_WIDTH)
+        for (int axis = 0; axis < 3; axis++)
+            regi_infer_leave(f, j, axis, f->energy + j);
+    for (int j = 0; j < c; j++)
+        f->energy[j] =
+            (double)sb_v3_dot(f->tractions[j], f->tractions[j]) + square * (f->energy[j] > 0 ? f->energy[j] : 0);
 }
 
 /* Loads of some places, while the evidence for them rises. */

@@ -3,6 +3,7 @@
 #ifndef REG_INFER_PRIVATE_H
 #define REG_INFER_PRIVATE_H
 
+#include "../softbody/solve/direct_between.h"
 #include "gauss.h"
 #include "infer.h"
 #include "kdtree.h"
@@ -35,6 +36,7 @@ struct reg_infer {
     const reg_infer_def *def; /* during the run */
     reg_model *model;
     regi_response response; /* where the organ was before the last round */
+    sbi_between *between;   /* lefts: data, then modes; rights: loads, the other modes, the residual */
     regi_look look;
     regi_gauss gauss;
     regi_infer_choice choice;
@@ -49,15 +51,19 @@ struct reg_infer {
     sb_vec3 *mark_seen;      /* [landmark_count] m */
     sb_real *mark_sd;        /* [landmark_count] m */
     double *raw;             /* [loads][gauss.most] responses of data, then resultants, to unit tractions and weight */
-    double *root;            /* [c][c] of the present prior */
+    double *root;            /* [c][c] of the present prior, lower triangle */
+    double *turned_root;     /* [c][c] its transpose, scratch */
+    double *tile;            /* [most][REGI_BLOCK_WIDTH] scratch */
     double *extended;        /* [most][most] gram of responses to tractions with their resultants */
     double *local, *trial_local;     /* [c] */
     double *energy;                  /* [c + 6] */
     double *c;                       /* [loads] found, in the gauss' units */
     double *draw;                    /* [loads] */
     double *datum;                   /* [most] scratch */
+    double *chances;                 /* [DRAWS][loads + REGI_GAUSS_POSES + most] */
     sb_vec3 *tractions;              /* [c] scratch */
-    sb_vec3 *row;                    /* [REGI_RESPONSE_GROUP][nodes] */
+    double *drift;                   /* [data][REGI_RESPONSE_MODES] forces that stop the drift of a datum's row */
+    sb_vec3 *row;                    /* [REG_INFER_DRAWS][nodes] */
     sb_vec3 *skin;                   /* [skin nodes] where they are (m) */
     sb_vec3 *forces;                 /* [nodes] found (N) */
     sb_vec3 *increment, *trial;      /* [nodes] */

@@ -25,33 +25,90 @@ static void regi_infer_store(reg_infer *f, int at, const sb_vec3 *row)
     }
 }
 
-/* Responses of all data, a group at a time, and the gaps that loads and pose have to close in all: those seen, and
- * those that would open if the present loads and pose went. */
+/* Adds a vector of forces to those that the inverse of the stiffness goes between. What is held takes none. */
+static void regi_infer_add_vector(reg_infer *f, int column, const sb_vec3 *forces)
+{
+    const unsigned char *held = sb_body_supports(f->model->body);
+    for (int i = 0; i < f->node_count; i++) {
+        sb_vec3 v = sbi_body_pick_axes(held[i], sb_v3(0, 0, 0), forces[i]);
+        if (v.x != 0 || v.y != 0 || v.z != 0)
+            sbi_between_add(f->between, column, i, v);
+    }
+}
+
+/* The rights: unit tractions of the control points, the weight's, which are the first modes, the other modes, the
+ * residual. */
+static void regi_infer_add_loads(reg_infer *f)
+{
+    const regi_prior *p = &f->model->prior;
+    int first = f->gauss.most + (int)REGI_RESPONSE_MODES, modes = first + 3 * p->control_count;
+    for (int i = 0; i < f->node_count; i++)
+        for (int k = p->start[i]; k < p->start[i + 1]; k++)
+            for (int axis = 0; axis < 3; axis++)
+                sbi_between_add(f->between, first + 3 * p->controls[k] + axis, i,
+                                sb_v3_scale(p->shares[k], sb_v3(axis == 0, axis == 1, axis == 2)));
+    for (int k = 0; k < (f->model->held ? 3 : (int)REGI_RESPONSE_MODES); k++) {
+        regi_response_mode(&f->response, k, f->row);
+        regi_infer_add_vector(f, modes + k, f->row);
+        if (!f->model->held)
+            regi_infer_add_vector(f, f->gauss.most + k, f->row);
+    }
+    regi_infer_add_vector(f, modes + REGI_RESPONSE_MODES, f->response.residual);
+}
+
+/* The lefts: the data's rows; their gaps and what the pose does to them. */
+static void regi_infer_add_data(reg_infer *f)
+{
+    regi_gauss *g = &f->gauss;
+    for (int s = 0; s < g->count; s++) {
+        double pose[REGI_INFER_POSE];
+        memset(f->row, 0, (size_t)f->node_count * sizeof *f->row);
+        regi_infer_row(f, s, f->row, g->gap + s, pose);
+        for (int k = 0; k < REGI_INFER_POSE; k++) {
+            g->pose[(size_t)k * (size_t)g->most + (size_t)s] = pose[k] * f->pose_sd[k];
+            g->gap[s] += pose[k] * f->pose[k];
+        }
+        g->pose[(size_t)REGI_INFER_POSE * (size_t)g->most + (size_t)s] =
+            f->patch_of[s] < 0 ? 0 : REGI_INFER_OFFSET * (double)f->model->size;
+        regi_infer_add_vector(f, s, f->row);
+    }
+}
+
+/* What a right does to all data, the motion as a whole taken out by forces on the modes: out[count]. drift: [count]
+ * [MODES] such forces for each datum. */
+static void regi_infer_answer(const reg_infer *f, int right, const double *drift, double *out)
+{
+    double along[REGI_RESPONSE_MODES];
+    for (int k = 0; k < REGI_RESPONSE_MODES; k++)
+        along[k] = f->model->held ? 0 : (double)sbi_between_get(f->between, f->gauss.most + k, right);
+    for (int s = 0; s < f->gauss.count; s++) {
+        out[s] = (double)sbi_between_get(f->between, s, right);
+        for (int k = 0; k < REGI_RESPONSE_MODES && !f->model->held; k++)
+            out[s] -= along[k] * drift[s * REGI_RESPONSE_MODES + k];
+    }
+}
+
+/* Responses of all data, and the gaps that loads and pose have to close in all: those seen, and those that would open
+ * if the present loads and pose went. */
 static void regi_infer_measure_data(reg_infer *f)
 {
     regi_gauss *g = &f->gauss;
-    size_t n = (size_t)f->node_count;
-    for (int first = 0; first < g->count; first += REGI_RESPONSE_GROUP) {
-        int count = sbi_min_int(REGI_RESPONSE_GROUP, g->count - first);
-        memset(f->row, 0, (size_t)count * n * sizeof *f->row);
-        for (int s = 0; s < count; s++) {
-            double pose[REGI_INFER_POSE];
-            regi_infer_row(f, first + s, f->row + (size_t)s * n, g->gap + first + s, pose);
-            for (int k = 0; k < REGI_INFER_POSE; k++) {
-                g->pose[(size_t)k * (size_t)g->most + (size_t)(first + s)] = pose[k] * f->pose_sd[k];
-                g->gap[first + s] += pose[k] * f->pose[k];
-            }
-            g->pose[(size_t)REGI_INFER_POSE * (size_t)g->most + (size_t)(first + s)] =
-                f->patch_of[first + s] < 0 ? 0 : REGI_INFER_OFFSET * (double)f->model->size;
-        }
-        regi_response_solve(&f->response, f->row, count);
-        for (int s = 0; s < count; s++) {
-            const sb_vec3 *row = f->row + (size_t)s * n;
-            for (size_t i = 0; i < n; i++)
-                g->gap[first + s] += (double)sb_v3_dot(row[i], f->response.residual[i]);
-            regi_infer_store(f, first + s, row);
-        }
+    int modes = 3 * f->model->prior.control_count;
+    sbi_between_clear(f->between);
+    regi_infer_add_data(f);
+    regi_infer_add_loads(f);
+    (void)sbi_between_run(f->between); /* the factor is there */
+    for (int s = 0; s < g->count && !f->model->held; s++) {
+        double *drift = f->drift + (size_t)s * REGI_RESPONSE_MODES;
+        for (int k = 0; k < REGI_RESPONSE_MODES; k++)
+            drift[k] = (double)sbi_between_get(f->between, s, modes + k);
+        regi_gauss_substitute(f->response.drift_system, REGI_RESPONSE_MODES, REGI_RESPONSE_MODES, drift);
     }
+    for (int b = 0; b < f->loads; b++)
+        regi_infer_answer(f, b, f->drift, f->raw + (size_t)b * (size_t)g->most);
+    regi_infer_answer(f, modes + REGI_RESPONSE_MODES, f->drift, f->datum);
+    for (int s = 0; s < g->count; s++)
+        g->gap[s] += f->datum[s];
 }
 
 /* Forces and torques about the centre, over the size, of unit loads where the organ is now. */

@@ -46,21 +46,24 @@ REGI_API void regi_response_solve(regi_response *r, sb_vec3 *row, int count)
         regi_response_stop_drift(r, row + (size_t)s * (size_t)r->model->mesh.node_count);
 }
 
+REGI_API void regi_response_mode(const regi_response *r, int mode, sb_vec3 *forces)
+{
+    const sb_vec3 *x = sb_body_positions(r->model->body);
+    sb_vec3 axis = sb_v3(mode % 3 == 0, mode % 3 == 1, mode % 3 == 2);
+    for (int i = 0; i < r->model->mesh.node_count; i++) {
+        sb_vec3 turned = sb_v3_scale(1 / r->model->size, sb_v3_cross(axis, sb_v3_sub(x[i], r->centre)));
+        forces[i] = sb_v3_scale(r->model->prior.weight[i], mode < 3 ? axis : turned);
+    }
+}
+
 /* The modes about where the organ is, and their system. 0: it is not positive. */
 static int regi_response_find_drift(regi_response *r)
 {
-    const sb_vec3 *x = sb_body_positions(r->model->body);
     size_t n = (size_t)r->model->mesh.node_count;
-    for (int k = 0; k < REGI_RESPONSE_MODES; k++) {
-        sb_vec3 axis = sb_v3(k % 3 == 0, k % 3 == 1, k % 3 == 2);
-        for (size_t i = 0; i < n; i++) {
-            sb_vec3 turned = sb_v3_scale(1 / r->model->size, sb_v3_cross(axis, sb_v3_sub(x[i], r->centre)));
-            r->weighted_modes[(size_t)k * n + i] = sb_v3_scale(r->model->prior.weight[i], k < 3 ? axis : turned);
-        }
-    }
-    memcpy(r->drift, r->weighted_modes, REGI_RESPONSE_MODES * n * sizeof *r->drift);
     for (int k = 0; k < REGI_RESPONSE_MODES; k++)
-        (void)sb_direct_solve(r->direct, &r->drift[(size_t)k * n].x, &r->drift[(size_t)k * n].x, 1);
+        regi_response_mode(r, k, r->weighted_modes + (size_t)k * n);
+    memcpy(r->drift, r->weighted_modes, REGI_RESPONSE_MODES * n * sizeof *r->drift);
+    (void)sb_direct_solve(r->direct, &r->drift[0].x, &r->drift[0].x, REGI_RESPONSE_MODES);
     for (int k = 0; k < REGI_RESPONSE_MODES; k++)
         for (int l = 0; l < REGI_RESPONSE_MODES; l++) {
             double sum = 0;

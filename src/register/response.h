@@ -2,14 +2,10 @@
 #ifndef REGI_RESPONSE_H
 #define REGI_RESPONSE_H
 
-#include "../softbody/solve/direct_front.h"
+#include "../softbody/solve/direct.h"
 #include "model_private.h"
 
-enum {
-    REGI_RESPONSE_MODES = 6, /* rigid motions */
-    REGI_RESPONSE_GROUP =
-        8 * SBI_FRONT_GROUP /* rows that are worth solving at once: the factor is read once for them */
-};
+enum { REGI_RESPONSE_MODES = 6 }; /* rigid motions */
 
 typedef struct regi_response {
     reg_model *model;
@@ -25,6 +21,8 @@ typedef struct regi_response {
 REGI_API void regi_response_layout(regi_response *response, int node_count, sbi_arena *arena);
 /* Factor and residual of the shape of now. The factor's errors. */
 REGI_API sb_result regi_response_factor(regi_response *response, sb_error *error);
+/* forces[nodes]: a unit rigid motion times shares of the mass; turns are about the centre and by one over the size. */
+REGI_API void regi_response_mode(const regi_response *response, int mode, sb_vec3 *forces);
 /* Motions of `count` rows of forces, row[count][nodes], in place: none of what is held, and
  * none of the whole, which is the pose's. */
 REGI_API void regi_response_solve(regi_response *response, sb_vec3 *row, int count);

@@ -7,42 +7,8 @@
  * so these squares live on a stack. */
 #include <stdlib.h>
 
-#include "direct_front.h"
+#include "direct_private.h"
 #include "sparse_live.h"
-
-typedef struct sbi_direct_piece {
-    int first, last; /* columns */
-    int row_count;   /* nodes: own columns and those below */
-    int row_start;   /* into rows: own columns first */
-    int child_count;
-    size_t panel; /* first entry of its columns of L, [3 row_count] entries each */
-} sbi_direct_piece;
-
-enum { SBI_DIRECT_GROUPS = 8 }; /* of right-hand sides, that a panel serves while it is near */
-
-struct sb_direct {
-    sb_allocator allocator;
-    void *memory; /* the one block behind all arrays */
-    int kind;
-    int node_count, block_count, piece_count;
-    unsigned pattern_version; /* see sbi_matrix_version */
-    int *position;            /* [node_count] column of a node */
-    int *node;                /* [node_count] node of a column */
-    sbi_direct_piece *pieces;
-    int *rows;  /* columns' numbers, ascending in each piece */
-    int *place; /* [node_count] of a column among the rows of the present piece */
-    sb_real *factor;
-    sb_real *squares;  /* the stack */
-    int *waiting;      /* [piece_count] scratch: pieces whose squares are on the stack */
-    sb_real *signs;    /* [3 node_count] of D, by column: 1 or -1 */
-    sb_real *sizes;    /* [3 node_count] largest entry of each row */
-    sb_real *pack;     /* scratch of the fronts' arithmetic */
-    sb_real *solution; /* [GROUPS][3 node_count][SBI_FRONT_GROUP] of a solve, by column */
-    sb_real *gathered; /* [largest_front][SBI_FRONT_GROUP] */
-    size_t factor_count, stack_count;
-    int ready; /* 1: there is a factor */
-    sb_direct_info info;
-};
 
 /* What the analysis needs for a while. */
 typedef struct sbi_direct_plan {
@@ -634,14 +600,17 @@ SB_API sb_result sb_direct_solve(sb_direct *direct, const sb_real *rhs, sb_real 
     if (!direct || !direct->ready || !rhs || !x || count < 0)
         return SB_ERROR_ARGUMENT;
     for (int first = 0; first < count;) {
-        int group = count - first >= SBI_FRONT_GROUP ? SBI_FRONT_GROUP : 1;
-        int groups = sbi_min_int((count - first) / group, SBI_DIRECT_GROUPS);
-        for (int g = 0; g < groups * group; g++)
+        int group = count - first > 1 ? SBI_FRONT_GROUP : 1;
+        int groups = sbi_min_int((count - first + group - 1) / group, SBI_DIRECT_GROUPS);
+        int have = sbi_min_int(count - first, groups * group);
+        if (have < groups * group) /* the last group is not full */
+            memset(direct->solution + (size_t)(groups - 1) * n * (size_t)group, 0, n * (size_t)group * sizeof(sb_real));
+        for (int g = 0; g < have; g++)
             sbi_direct_carry(direct, g, group, rhs + (size_t)(first + g) * n, NULL);
         sbi_direct_substitute(direct, groups, group);
-        for (int g = 0; g < groups * group; g++)
+        for (int g = 0; g < have; g++)
             sbi_direct_carry(direct, g, group, NULL, x + (size_t)(first + g) * n);
-        first += groups * group;
+        first += have;
     }
     return SB_OK;
 }

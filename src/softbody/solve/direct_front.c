@@ -5,20 +5,21 @@
 #include "direct_front.h"
 
 enum {
-    SBI_FRONT_TILE = 4,   /* columns of a tile */
-    SBI_FRONT_BLOCK = 32, /* columns factored at once */
-    SBI_FRONT_CHUNK = 64  /* rows that a triangular solve takes at once */
+    SBI_FRONT_TILE = 4,    /* columns of a tile */
+    SBI_FRONT_BLOCK = 32,  /* columns factored at once, */
+    SBI_FRONT_SOLVED = 48, /* and solved for many groups: those of whole nodes */
+    SBI_FRONT_CHUNK = 64   /* rows that a triangular solve takes at once */
 };
 
 /* ---- products ---- */
 
-/* tile[4][group] = a b^T of packed a[depth][group], b[depth][4] */
+/* tile[4][group] = a b^T of packed a[depth][group] and four values of b[depth][stride] */
 #if SBI_FRONT_BYTES
-static void sbi_front_tile(const sb_real *a, const sb_real *b, int depth, sb_real *tile)
+static void sbi_front_tile(const sb_real *a, const sb_real *b, size_t stride, int depth, sb_real *tile)
 {
     sbi_front_lanes c00 = SBI_FRONT_AT(a) - SBI_FRONT_AT(a), c01 = c00, c10 = c00, c11 = c00, c20 = c00, c21 = c00;
     sbi_front_lanes c30 = c00, c31 = c00;
-    for (int k = 0; k < depth; k++, a += SBI_FRONT_GROUP, b += SBI_FRONT_TILE) {
+    for (int k = 0; k < depth; k++, a += SBI_FRONT_GROUP, b += stride) {
         sbi_front_lanes a0 = SBI_FRONT_AT(a), a1 = SBI_FRONT_AT(a + SBI_FRONT_WIDTH);
         c00 += a0 * b[0], c01 += a1 * b[0];
         c10 += a0 * b[1], c11 += a1 * b[1];
@@ -31,13 +32,13 @@ static void sbi_front_tile(const sb_real *a, const sb_real *b, int depth, sb_rea
     SBI_FRONT_PUT(tile + 6 * SBI_FRONT_WIDTH, c30), SBI_FRONT_PUT(tile + 7 * SBI_FRONT_WIDTH, c31);
 }
 #else
-static void sbi_front_tile(const sb_real *a, const sb_real *b, int depth, sb_real *tile)
+static void sbi_front_tile(const sb_real *a, const sb_real *b, size_t stride, int depth, sb_real *tile)
 {
     for (int i = 0; i < SBI_FRONT_GROUP; i++) {
         sb_real c0 = 0, c1 = 0, c2 = 0, c3 = 0;
         for (int k = 0; k < depth; k++) {
             sb_real value = a[k * SBI_FRONT_GROUP + i];
-            const sb_real *right = b + k * SBI_FRONT_TILE;
+            const sb_real *right = b + (size_t)k * stride;
             c0 += value * right[0];
             c1 += value * right[1];
             c2 += value * right[2];
@@ -91,7 +92,7 @@ static void sbi_front_tiles(const sbi_front_product *p, int first_row, int rows,
             int have = sbi_min_int(SBI_FRONT_GROUP, rows - i), wide = sbi_min_int(SBI_FRONT_TILE, columns - j);
             if (first_row + i + have <= first_column + j)
                 continue; /* above the diagonal */
-            sbi_front_tile(left + i * depth, right + j * depth, depth, tile);
+            sbi_front_tile(left + i * depth, right + j * depth, SBI_FRONT_TILE, depth, tile);
             for (int c = 0; c < wide; c++) {
                 sb_real *to = p->c + (size_t)(first_column + j + c) * p->c_stride + (size_t)(first_row + i);
                 const sb_real *from = tile + c * SBI_FRONT_GROUP;
@@ -340,5 +341,56 @@ SBI_API void sbi_front_backward(const sb_real *panel, size_t height, size_t widt
         else
             sbi_front_backward_group(l, height, height - k, x + k * SBI_FRONT_GROUP);
         sbi_front_solve_head_transposed(l, height, x + k * (size_t)group, group);
+    }
+}
+
+/* ---- many groups ---- */
+
+/* Rows first_row.. of all groups less what a block of solved rows `solved` does to them. */
+static void sbi_front_reduce_rows(const sb_real *l, size_t height, int rows, int depth, sb_real *x, size_t solved,
+                                  size_t first_row, int count, sb_real *pack)
+{
+    sb_real tile[(int)SBI_FRONT_TILE * (int)SBI_FRONT_GROUP];
+    sbi_front_pack(l, height, rows, depth, SBI_FRONT_TILE, NULL, pack);
+    for (int g = 0; g < count; g++) {
+        const sb_real *known = x + ((size_t)g * height + solved) * SBI_FRONT_GROUP;
+        sb_real *to = x + ((size_t)g * height + first_row) * SBI_FRONT_GROUP;
+        for (int r = 0; r < rows; r += SBI_FRONT_TILE, to += (int)SBI_FRONT_TILE * (int)SBI_FRONT_GROUP) {
+            int values = sbi_min_int(SBI_FRONT_TILE, rows - r) * SBI_FRONT_GROUP;
+            sbi_front_tile(known, pack + r * depth, SBI_FRONT_TILE, depth, tile);
+            for (int i = 0; i < values; i++)
+                to[i] -= tile[i];
+        }
+    }
+}
+
+SBI_API void sbi_front_forward_many(const sb_real *panel, size_t height, size_t width, sb_real *x, int count,
+                                    sb_real *pack)
+{
+    for (size_t first = 0; first < width; first += SBI_FRONT_SOLVED) {
+        size_t depth = width - first < SBI_FRONT_SOLVED ? width - first : (size_t)SBI_FRONT_SOLVED,
+               next = first + depth;
+        for (int g = 0; g < count; g++)
+            for (size_t k = 0; k < depth; k += 3) {
+                const sb_real *l = panel + (first + k) * height + first + k;
+                sb_real *at = x + ((size_t)g * height + first + k) * SBI_FRONT_GROUP;
+                sbi_front_solve_head(l, height, at, SBI_FRONT_GROUP);
+                sbi_front_forward_group(l, height, depth - k, at);
+            }
+        for (size_t row = next; row < height; row += SBI_FRONT_COLUMNS) {
+            int rows = (int)(height - row < SBI_FRONT_COLUMNS ? height - row : (size_t)SBI_FRONT_COLUMNS);
+            sbi_front_reduce_rows(panel + first * height + row, height, rows, (int)depth, x, first, row, count, pack);
+        }
+    }
+}
+
+SBI_API void sbi_front_add_products(const sb_real *a, const sb_real *b, int depth, sb_real *to, size_t stride)
+{
+    sb_real tile[(int)SBI_FRONT_TILE * (int)SBI_FRONT_GROUP];
+    for (int j = 0; j < SBI_FRONT_GROUP; j += SBI_FRONT_TILE) {
+        sbi_front_tile(a, b + j, SBI_FRONT_GROUP, depth, tile);
+        for (int c = 0; c < SBI_FRONT_TILE; c++)
+            for (int i = 0; i < SBI_FRONT_GROUP; i++)
+                to[(size_t)(j + c) * stride + (size_t)i] += tile[c * SBI_FRONT_GROUP + i];
     }
 }

@@ -43,5 +43,11 @@ SBI_API void sbi_front_square(const sb_real *panel, size_t height, size_t width,
  * below the first `width` are changed forward and read backward. */
 SBI_API void sbi_front_forward(const sb_real *panel, size_t height, size_t width, sb_real *x, int group);
 SBI_API void sbi_front_backward(const sb_real *panel, size_t height, size_t width, sb_real *x, int group);
+/* Forward substitution of `count` groups at once, x[count][height][SBI_FRONT_GROUP], by products of packed pieces: for
+ * many groups much less than one by one; sums are in another order than theirs. */
+SBI_API void sbi_front_forward_many(const sb_real *panel, size_t height, size_t width, sb_real *x, int count,
+                                    sb_real *pack);
+/* to[j][i] += sum of a[k][i] b[k][j], k < depth, of groups a and b; rows of `to` are `stride` apart. */
+SBI_API void sbi_front_add_products(const sb_real *a, const sb_real *b, int depth, sb_real *to, size_t stride);
 
 #endif /* SB_DIRECT_FRONT_H */

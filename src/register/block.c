@@ -1,0 +1,123 @@
+/* block: see block.h. */
+#include "block.h"
+
+#include <string.h>
+
+#if defined(__GNUC__) && !defined(SB_NO_VECTORS)
+#if defined(__AVX__)
+enum { REGI_BLOCK_LANES = 4 };
+#else
+enum { REGI_BLOCK_LANES = 2 };
+#endif
+typedef double regi_block_lanes
+    __attribute__((vector_size(REGI_BLOCK_LANES * sizeof(double)), aligned(sizeof(double)), may_alias));
+#define REGI_BLOCK_AT(pointer) (*(const regi_block_lanes *)(const void *)(pointer))
+#define REGI_BLOCK_PUT(pointer, value) (*(regi_block_lanes *)(void *)(pointer) = (value))
+
+/* Half of a tile without AVX: [4][4] sums stay in registers, and so do [4][8] with it. */
+enum { REGI_BLOCK_PART = 2 * REGI_BLOCK_LANES };
+
+static void regi_block_part(const regi_block *b, const double *left, const double *right, double *tile)
+{
+    const double *r0 = right, *r1 = r0 + b->right_stride, *r2 = r1 + b->right_stride, *r3 = r2 + b->right_stride;
+    regi_block_lanes c00 = {0}, c01 = c00, c10 = c00, c11 = c00, c20 = c00, c21 = c00, c30 = c00, c31 = c00;
+    size_t step = b->right_step;
+    for (int k = 0; k < b->depth; k++, left += b->left_stride) {
+        regi_block_lanes x = REGI_BLOCK_AT(left), y = REGI_BLOCK_AT(left + REGI_BLOCK_LANES);
+        c00 += x * *r0, c01 += y * *r0, r0 += step;
+        c10 += x * *r1, c11 += y * *r1, r1 += step;
+        c20 += x * *r2, c21 += y * *r2, r2 += step;
+        c30 += x * *r3, c31 += y * *r3, r3 += step;
+    }
+    REGI_BLOCK_PUT(tile, c00), REGI_BLOCK_PUT(tile + REGI_BLOCK_LANES, c01), tile += REGI_BLOCK_WIDTH;
+    REGI_BLOCK_PUT(tile, c10), REGI_BLOCK_PUT(tile + REGI_BLOCK_LANES, c11), tile += REGI_BLOCK_WIDTH;
+    REGI_BLOCK_PUT(tile, c20), REGI_BLOCK_PUT(tile + REGI_BLOCK_LANES, c21), tile += REGI_BLOCK_WIDTH;
+    REGI_BLOCK_PUT(tile, c30), REGI_BLOCK_PUT(tile + REGI_BLOCK_LANES, c31);
+}
+
+/* tile[4][8]: the sums of i and j on. */
+static void regi_block_tile(const regi_block *b, int i, int j, double *tile)
+{
+    for (int part = 0; part < REGI_BLOCK_WIDTH; part += REGI_BLOCK_PART)
+        regi_block_part(b, b->left + i + part, b->right + (size_t)j * b->right_stride, tile + part);
+}
+#else
+static void regi_block_tile(const regi_block *b, int i, int j, double *tile)
+{
+    memset(tile, 0, REGI_BLOCK_ROWS * REGI_BLOCK_WIDTH * sizeof *tile);
+    for (int k = 0; k < b->depth; k++)
+        for (int r = 0; r < REGI_BLOCK_ROWS; r++) {
+            double right = b->right[(size_t)k * b->right_step + (size_t)(j + r) * b->right_stride];
+            const double *left = b->left + (size_t)k * b->left_stride + i;
+            for (int c = 0; c < REGI_BLOCK_WIDTH; c++)
+                tile[r * REGI_BLOCK_WIDTH + c] += left[c] * right;
+        }
+}
+#endif
+
+/* The sums of i, j on that do not fill a tile. */
+static void regi_block_rest(const regi_block *b, int i, int width, int j, int rows, double *tile)
+{
+    for (int r = 0; r < rows; r++)
+        for (int c = 0; c < width; c++) {
+            double sum = 0;
+            for (int k = 0; k < b->depth; k++)
+                sum += b->left[(size_t)k * b->left_stride + (size_t)(i + c)] *
+                       b->right[(size_t)k * b->right_step + (size_t)(j + r) * b->right_stride];
+            tile[r * REGI_BLOCK_WIDTH + c] = sum;
+        }
+}
+
+REGI_API void regi_block_add(const regi_block *b, int width, int rows, double factor, double *to, size_t stride)
+{
+    double tile[(int)REGI_BLOCK_ROWS * (int)REGI_BLOCK_WIDTH];
+    for (int j = 0; j < rows; j += REGI_BLOCK_ROWS)
+        for (int i = 0; i < width; i += REGI_BLOCK_WIDTH) {
+            int high = sbi_min_int(REGI_BLOCK_ROWS, rows - j), wide = sbi_min_int(REGI_BLOCK_WIDTH, width - i);
+            if (high == REGI_BLOCK_ROWS && wide == REGI_BLOCK_WIDTH)
+                regi_block_tile(b, i, j, tile);
+            else
+                regi_block_rest(b, i, wide, j, high, tile);
+            for (int r = 0; r < high; r++)
+                for (int c = 0; c < wide; c++)
+                    to[(size_t)(j + r) * stride + (size_t)(i + c)] += factor * tile[r * REGI_BLOCK_WIDTH + c];
+        }
+}
+
+REGI_API void regi_block_forward(const double *u, int n, size_t stride, double *x)
+{
+    for (int first = 0; first < n; first += REGI_BLOCK_ROWS) {
+        int rows = sbi_min_int(REGI_BLOCK_ROWS, n - first);
+        regi_block before = {x, u + first, REGI_BLOCK_WIDTH, 0, 1, 0};
+        before.right_step = stride;
+        before.depth = first;
+        regi_block_add(&before, REGI_BLOCK_WIDTH, rows, -1, x + (size_t)first * REGI_BLOCK_WIDTH, REGI_BLOCK_WIDTH);
+        for (int k = first; k < first + rows; k++)
+            for (int c = 0; c < REGI_BLOCK_WIDTH; c++) {
+                double *at = x + (size_t)k * REGI_BLOCK_WIDTH + c;
+                *at /= u[(size_t)k * stride + (size_t)k];
+                for (int r = k + 1; r < first + rows; r++)
+                    x[(size_t)r * REGI_BLOCK_WIDTH + (size_t)c] -= u[(size_t)k * stride + (size_t)r] * *at;
+            }
+    }
+}
+
+REGI_API void regi_block_backward(const double *u, int n, size_t stride, double *x)
+{
+    for (int first = (n - 1) / REGI_BLOCK_ROWS * REGI_BLOCK_ROWS; first >= 0; first -= REGI_BLOCK_ROWS) {
+        int next = sbi_min_int(first + REGI_BLOCK_ROWS, n);
+        regi_block after = {x + (size_t)next * REGI_BLOCK_WIDTH, NULL, REGI_BLOCK_WIDTH, 1, 0, 0};
+        after.right = u + (size_t)first * stride + (size_t)next;
+        after.right_stride = stride;
+        after.depth = n - next;
+        regi_block_add(&after, REGI_BLOCK_WIDTH, next - first, -1, x + (size_t)first * REGI_BLOCK_WIDTH,
+                       REGI_BLOCK_WIDTH);
+        for (int k = next - 1; k >= first; k--)
+            for (int c = 0; c < REGI_BLOCK_WIDTH; c++) {
+                double *at = x + (size_t)k * REGI_BLOCK_WIDTH + c;
+                for (int r = k + 1; r < next; r++)
+                    *at -= u[(size_t)k * stride + (size_t)r] * x[(size_t)r * REGI_BLOCK_WIDTH + (size_t)c];
+                *at /= u[(size_t)k * stride + (size_t)k];
+            }
+    }
+}
