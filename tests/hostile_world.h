@@ -34,8 +34,9 @@ typedef struct world {
     sb_tool_def tool_def;
     sb_pose tool_pose;
     sb_change_cell change_cell;
-    int pressure, springs, mapping, constraint, cable;
+    int pressure, springs, mapping, constraint, cable, membrane;
     sb_cable_def cable_def;
+    sb_membrane_def membrane_def;
     sb_body *plain;          /* for registration: without */
     sb_recording *recording; /* of plain */
     sb_domain domain;
@@ -322,6 +323,16 @@ static sb_cable_def *world_cable_def(world *w)
     return &w->cable_def;
 }
 
+static sb_membrane_def *world_membrane_def(world *w)
+{
+    w->membrane_def = sb_default_membrane_def();
+    w->membrane_def.faces = world_face(w);
+    w->membrane_def.face_count = 1;
+    w->membrane_def.thickness = REAL(0.001);
+    w->membrane_def.shear = 1000;
+    return &w->membrane_def;
+}
+
 static sb_body *world_body(world *w)
 {
     sb_real k = 10;
@@ -336,6 +347,7 @@ static sb_body *world_body(world *w)
     CHECK_OK(sb_body_add_springs(w->body, &node, 1, &k, 1, w->mesh.nodes + 26, &w->springs, NULL));
     CHECK_OK(sb_body_add_mapping(w->body, world_mapping(w), &k, 1, w->mesh.nodes + 13, &w->mapping, NULL));
     CHECK_OK(sb_body_add_cable(w->body, world_cable_def(w), &w->cable, NULL));
+    CHECK_OK(sb_body_add_membrane(w->body, world_membrane_def(w), &w->membrane, NULL));
     CHECK_OK(sb_body_add_constraint(w->body, world_terms(w, 23), 2, 0, &w->constraint, NULL));
     CHECK_OK(sb_body_step(w->body, REAL(0.01), NULL));
     return w->body;

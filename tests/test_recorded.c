@@ -22,7 +22,7 @@ typedef struct actor {
     sb_body *body;
     reg_match *match; /* made before the recording; NULL where there are constraints */
     reg_nicp *nicp;
-    int free_nodes[2], pressure, springs, cable, mapping, constraint;
+    int free_nodes[2], pressure, springs, cable, membrane, mapping, constraint;
     void *state;
     size_t state_size;
     const char *path; /* of a state's file */
@@ -324,6 +324,19 @@ static sb_result act_move_cable(actor *a)
 {
     sb_vec3 places[3] = {{0, 0, 0}, {REAL(0.04), REAL(0.12), REAL(0.01)}, {0, 0, 0}};
     return sb_body_move_cable(a->body, a->cable, places);
+}
+static sb_result act_add_membrane(actor *a)
+{
+    sb_membrane_def def = sb_default_membrane_def();
+    def.corners = sb_element_corner_count(a->boundary.surface.element_type);
+    def.thickness = REAL(0.001);
+    def.shear = 5000;
+    def.prestretch = REAL(1.02);
+    return sb_body_add_membrane(a->body, &def, &a->membrane, &a->error);
+}
+static sb_result act_membrane(actor *a)
+{
+    return sb_body_set_membrane(a->body, a->membrane, REAL(0.002), 4000, REAL(1.01));
 }
 static sb_result act_add_mapping(actor *a)
 {
@@ -643,6 +656,8 @@ static const act acts[] = {
     {"sb_body_set_cable_rest_length", act_cable_length, ACTOR_LOADED},
     {"sb_body_set_cable_stiffness", act_cable_stiffness, ACTOR_LOADED},
     {"sb_body_move_cable", act_move_cable, ACTOR_LOADED},
+    {"sb_body_add_membrane", act_add_membrane, ACTOR_PLAIN},
+    {"sb_body_set_membrane", act_membrane, ACTOR_LOADED},
     {"sb_body_add_mapping", act_add_mapping, ACTOR_PLAIN},
     {"sb_body_set_mapping_targets", act_mapping_targets, ACTOR_LOADED},
     {"sb_body_set_mapping_stiffness", act_mapping_stiffness, ACTOR_LOADED},
@@ -706,6 +721,7 @@ static void set_up(actor *a, actor_kind kind)
         CHECK_OK(act_add_pressure(a));
         CHECK_OK(act_add_springs(a));
         CHECK_OK(act_add_cable(a));
+        CHECK_OK(act_add_membrane(a));
         CHECK_OK(act_add_mapping(a));
         CHECK_OK(act_constraint(a));
     }

@@ -212,6 +212,12 @@ public enum sb_tensor
     SB_TENSOR_STRESS = 1,
     SB_TENSOR_STRAIN = 2,
 }
+public enum sb_membrane_form
+{
+    SB_MEMBRANE_SLACK = 0,
+    SB_MEMBRANE_WRINKLED = 1,
+    SB_MEMBRANE_TAUT = 2,
+}
 public enum sb_embedding_kind
 {
     SB_EMBED_SMOOTH = 0,
@@ -1272,6 +1278,25 @@ public unsafe struct sb_cable_def
     public double stiffness;
     public double toe_strain;
     public int pushes;
+}
+[StructLayout(LayoutKind.Sequential)]
+public unsafe struct sb_membrane_def
+{
+    public int* faces;
+    public int face_count;
+    public int corners;
+    public double thickness;
+    public double shear;
+    public double prestretch;
+    public int wrinkles;
+}
+[StructLayout(LayoutKind.Sequential)]
+public unsafe struct sb_membrane_state
+{
+    public fixed double stretch[2];
+    public fixed double tension[2];
+    public sb_vec3 direction;
+    public sb_membrane_form form;
 }
 [StructLayout(LayoutKind.Sequential)]
 public unsafe struct sb_embedding_def
@@ -3952,7 +3977,7 @@ public static unsafe class Native
     /// energy in long steps. What is kept is part of the state.
     ///
     /// Made anew in each step all the same: where materials are not all SB_COROTATED, where there are constraints, loads
-    /// that follow the body (springs, pressures, mappings, cables), tools, contact, damping by region, glue or supports that
+    /// that follow the body (springs, mappings, membranes ...), tools, contact, damping by region, glue or supports that
     /// move, with multigrid, and by needles with NDL_REMESH; and once after each change of dt, supports, materials or mesh.
     /// Allocates; the steps do not. SB_ERROR_ARGUMENT, SB_ERROR_UNSUPPORTED (elements other than tet4), SB_ERROR_MEMORY
     /// change nothing; error may be NULL.
@@ -4337,7 +4362,8 @@ public static unsafe class Native
     [DllImport(Library, CallingConvention = CallingConvention.Cdecl)]
     public static extern sb_result sb_body_mapping_points(sb_body* body, int load_id, sb_vec3* points);
     /// <summary>
-    /// Takes a pressure, springs or a mapping away; its id is then unknown. The next static solve lets its force fade.
+    /// Takes a pressure, springs, a mapping, a cable or a membrane away; its id is then unknown. The next static solve lets
+    /// its force fade.
     /// </summary>
     [DllImport(Library, CallingConvention = CallingConvention.Cdecl)]
     public static extern sb_result sb_body_remove_load(sb_body* body, int load_id);
@@ -4411,6 +4437,48 @@ public static unsafe class Native
     /// </summary>
     [DllImport(Library, CallingConvention = CallingConvention.Cdecl)]
     public static extern sb_result sb_body_cable_forces(sb_body* body, int load_id, sb_vec3* forces);
+    /// <summary>
+    /// corners 3, prestretch 1, it wrinkles; no faces, thickness and shear 0.
+    /// </summary>
+    [DllImport(Library, CallingConvention = CallingConvention.Cdecl)]
+    public static extern sb_membrane_def sb_default_membrane_def();
+    /// <summary>
+    /// Adds a membrane as one load more, by whose id sb_body_load_force (which is 0) and sb_body_remove_load know it, too.
+    /// The def and its faces are copied; a face twice has two sheets.
+    /// - Forces come from the energy thickness shear / 2 (tr C + 1 / det C - 3) per area of the sheet, C = F^T F in its
+    ///   plane. One that wrinkles has Pipkin's relaxed energy: with stretches a &gt;= b, where b &lt; a^-1/2 it pulls along a
+    /// alone (shear (1 - a^-3)), and not at all where a &lt;= 1. A point for each tri3, three for tri6, four for quad4, nine
+    /// for quad8 and quad9.
+    /// - Statics, and steps of several Newton iterations, find the balance with it; a linearised step (max_newton 1) takes
+    ///   its forces at the start and its stiffness there, without what pressure in it takes off, plus 1e-4 thickness shear
+    ///   where it wrinkles. Rayleigh damping leaves it out.
+    /// - A static solve goes evenly from the thickness times shear and the prestretch that the last one ended with to the
+    ///   present ones; a new membrane has all of its stiffness at once, and starts from prestretch 1.
+    /// - When the mesh changes, it goes with its faces as pressures do, and a face that is cut keeps what of it is material;
+    ///   where the rest shape of nodes moves, so does its. A tet10 with a membrane cannot be cut.
+    /// Errors, with nothing added: SB_ERROR_ARGUMENT (NULL; no faces; corners; a face that no element has, or between two:
+    /// error-&gt;node is its first; a face without area; thickness, shear or prestretch out of range), SB_ERROR_INDEX (a node
+    /// out of range: error-&gt;node), SB_ERROR_NOT_FINITE, SB_ERROR_MEMORY, SB_ERROR_UNSUPPORTED (faces of a cut tet10).
+    /// Source: Pipkin 1986 (relaxed energy); Holzapfel 2000, 6.5, for incompressible sheets.
+    /// </summary>
+    [DllImport(Library, CallingConvention = CallingConvention.Cdecl)]
+    public static extern sb_result sb_body_add_membrane(sb_body* body, sb_membrane_def* def, int* load_id, sb_error* error);
+    /// <summary>
+    /// Changes between steps, without allocation; ranges and errors as above, SB_ERROR_INDEX: no membrane has this id.
+    /// </summary>
+    [DllImport(Library, CallingConvention = CallingConvention.Cdecl)]
+    public static extern sb_result sb_body_set_membrane(sb_body* body, int load_id, double thickness, double shear, double prestretch);
+    /// <summary>
+    /// Faces that a membrane has now (a change of the mesh may divide them), and their corner nodes, corners[count][corners]
+    /// as its def had them; either may be NULL. SB_ERROR_ARGUMENT, SB_ERROR_INDEX.
+    /// </summary>
+    [DllImport(Library, CallingConvention = CallingConvention.Cdecl)]
+    public static extern sb_result sb_body_membrane_faces(sb_body* body, int load_id, int* count, int* corners);
+    /// <summary>
+    /// states[count] at the present shape; no allocation. SB_ERROR_ARGUMENT, SB_ERROR_INDEX.
+    /// </summary>
+    [DllImport(Library, CallingConvention = CallingConvention.Cdecl)]
+    public static extern sb_result sb_body_membrane_states(sb_body* body, int load_id, sb_membrane_state* states);
     [DllImport(Library, CallingConvention = CallingConvention.Cdecl)]
     public static extern sb_embedding_def sb_default_embedding_def();
     /// <summary>

@@ -303,6 +303,11 @@
 #define sb_body_cable_length sb_body_cable_length_f32
 #define sb_body_cable_points sb_body_cable_points_f32
 #define sb_body_cable_forces sb_body_cable_forces_f32
+#define sb_default_membrane_def sb_default_membrane_def_f32
+#define sb_body_add_membrane sb_body_add_membrane_f32
+#define sb_body_set_membrane sb_body_set_membrane_f32
+#define sb_body_membrane_faces sb_body_membrane_faces_f32
+#define sb_body_membrane_states sb_body_membrane_states_f32
 #define sb_default_embedding_def sb_default_embedding_def_f32
 #define sb_embedding_create sb_embedding_create_f32
 #define sb_embedding_destroy sb_embedding_destroy_f32

@@ -112,8 +112,8 @@
  * supports     degrees of freedom that follow a target: sb_body_hold holds, sb_body_place moves (a tool),
  *              sb_body_place_rigid by a pose (a bone), whose force and torque sb_body_wrench reads.
  * loads        gravity, nodal forces, tractions: dead loads that stay until sb_body_clear_loads. Pressures, springs to
- *              moving points, mapped points drawn to targets, and cables (sb_body_add_cable: ligaments, sutures) follow
- *              the body and have ids.
+ *              moving points, mapped points drawn to targets, cables (sb_body_add_cable: ligaments, sutures) and
+ *              membranes on faces (sb_body_add_membrane: capsules, walls) follow the body and have ids.
  * constraints  linear equations among displacements, exact: sb_body_add_constraint; sb_body_tie_faces glues meshes.
  * state        sb_body_state_save and _load: back to a moment, in memory or a file; what follows has the same bits.
  * recording    sb_recording_start: every call on a body, to be replayed; says which step differs, and where.

@@ -178,6 +178,9 @@ SB_NODE_COPY = 1
 SB_NODE_KEEP_X = 2
 SB_NODE_KEEP_Y = 4
 SB_NODE_KEEP_Z = 8
+SB_MEMBRANE_SLACK = 0
+SB_MEMBRANE_WRINKLED = 1
+SB_MEMBRANE_TAUT = 2
 SB_EMBED_SMOOTH = 0
 SB_EMBED_PLAIN = 1
 SB_EMBEDDED_INSIDE = 0
@@ -411,6 +414,8 @@ class sb_cell_moments(Structure): pass
 class sb_change_cell(Structure): pass
 class sb_body_listener(Structure): pass
 class sb_cable_def(Structure): pass
+class sb_membrane_def(Structure): pass
+class sb_membrane_state(Structure): pass
 class sb_embedding_def(Structure): pass
 class sb_embedding(Structure): pass
 class sb_embedding_report(Structure): pass
@@ -1193,6 +1198,21 @@ sb_cable_def._fields_ = [
     ("stiffness", c_double),
     ("toe_strain", c_double),
     ("pushes", c_int),
+]
+sb_membrane_def._fields_ = [
+    ("faces", POINTER(c_int)),
+    ("face_count", c_int),
+    ("corners", c_int),
+    ("thickness", c_double),
+    ("shear", c_double),
+    ("prestretch", c_double),
+    ("wrinkles", c_int),
+]
+sb_membrane_state._fields_ = [
+    ("stretch", c_double * 2),
+    ("tension", c_double * 2),
+    ("direction", sb_vec3),
+    ("form", c_int),
 ]
 sb_embedding_def._fields_ = [
     ("mesh", POINTER(sb_mesh)),
@@ -2548,6 +2568,11 @@ FUNCTIONS = {  # name: (what it returns, parameters)
     "sb_body_cable_length": (c_int, (POINTER(sb_body), c_int, POINTER(c_double), )),
     "sb_body_cable_points": (c_int, (POINTER(sb_body), c_int, POINTER(sb_vec3), )),
     "sb_body_cable_forces": (c_int, (POINTER(sb_body), c_int, POINTER(sb_vec3), )),
+    "sb_default_membrane_def": (sb_membrane_def, ()),
+    "sb_body_add_membrane": (c_int, (POINTER(sb_body), POINTER(sb_membrane_def), POINTER(c_int), POINTER(sb_error), )),
+    "sb_body_set_membrane": (c_int, (POINTER(sb_body), c_int, c_double, c_double, c_double, )),
+    "sb_body_membrane_faces": (c_int, (POINTER(sb_body), c_int, POINTER(c_int), POINTER(c_int), )),
+    "sb_body_membrane_states": (c_int, (POINTER(sb_body), c_int, POINTER(sb_membrane_state), )),
     "sb_default_embedding_def": (sb_embedding_def, ()),
     "sb_embedding_create": (c_int, (POINTER(sb_embedding_def), POINTER(POINTER(sb_embedding)), POINTER(sb_error), )),
     "sb_embedding_destroy": (None, (POINTER(sb_embedding), )),
@@ -3012,7 +3037,7 @@ DOCUMENTATION = {
     'sb_body_set_damping': 'Of all regions. SB_ERROR_UNSUPPORTED: beta > 0 with SB_CENTRAL_DIFFERENCE.',
     'sb_body_set_region_damping': "Damping of a region's own, in place of the body's, which the others keep: its elements damp with beta (s) times their\nstiffness, and its share of the nodes' lumped masses with alpha (1/s), whatever def.mass is; both >= 0. What ties\ncells of a cut keeps the body's beta. sb_body_set_damping gives all regions the same again. With SB_EULER steps cost\nwhat they did; steps of one iteration of other integrators assemble one matrix more, for which the first call\nallocates. SB_ERROR_ARGUMENT, SB_ERROR_INDEX (no such region), SB_ERROR_UNSUPPORTED (SB_CENTRAL_DIFFERENCE),\nSB_ERROR_MEMORY change nothing.",
     'sb_body_set_solver': "Tolerance in (0, 1) and cap (>= 1) of a step's linear solve.",
-    'sb_body_keep_tangent': 'Lets linearised steps (max_newton 1) go on with the tangent and the preconditioner of a step before, which are most\nof what a step costs that moves little. angle (rad, 0 to 1): they are made anew once an element has turned by more\nsince; 0, as bodies are made: in each step. 0.02 to 0.1 serve. Forces and damping are those of the present shape in\nany case, and so is the tangent times the way that nodes coast: a step is off by about the angle times what its\nmotion changes by within it, and bodies come to rest where they would otherwise. Where the works of the kept and of\nthe present tangent on that change differ by more than a share of 0.25, or of the angle where that is less, the step\nis solved once more, with its own, which sb_step_info counts: nearly incompressible or slender bodies would gain\nenergy in long steps. What is kept is part of the state.\n\nMade anew in each step all the same: where materials are not all SB_COROTATED, where there are constraints, loads\nthat follow the body (springs, pressures, mappings, cables), tools, contact, damping by region, glue or supports that\nmove, with multigrid, and by needles with NDL_REMESH; and once after each change of dt, supports, materials or mesh.\nAllocates; the steps do not. SB_ERROR_ARGUMENT, SB_ERROR_UNSUPPORTED (elements other than tet4), SB_ERROR_MEMORY\nchange nothing; error may be NULL.',
+    'sb_body_keep_tangent': 'Lets linearised steps (max_newton 1) go on with the tangent and the preconditioner of a step before, which are most\nof what a step costs that moves little. angle (rad, 0 to 1): they are made anew once an element has turned by more\nsince; 0, as bodies are made: in each step. 0.02 to 0.1 serve. Forces and damping are those of the present shape in\nany case, and so is the tangent times the way that nodes coast: a step is off by about the angle times what its\nmotion changes by within it, and bodies come to rest where they would otherwise. Where the works of the kept and of\nthe present tangent on that change differ by more than a share of 0.25, or of the angle where that is less, the step\nis solved once more, with its own, which sb_step_info counts: nearly incompressible or slender bodies would gain\nenergy in long steps. What is kept is part of the state.\n\nMade anew in each step all the same: where materials are not all SB_COROTATED, where there are constraints, loads\nthat follow the body (springs, mappings, membranes ...), tools, contact, damping by region, glue or supports that\nmove, with multigrid, and by needles with NDL_REMESH; and once after each change of dt, supports, materials or mesh.\nAllocates; the steps do not. SB_ERROR_ARGUMENT, SB_ERROR_UNSUPPORTED (elements other than tet4), SB_ERROR_MEMORY\nchange nothing; error may be NULL.',
     'sb_body_hold': 'Holds the axes where the nodes are now.',
     'sb_body_place': 'Supports the axes; the next step takes them to positions[count] (m, in space).',
     'sb_body_place_rigid': 'Nodes that hang on a rigid body moved by its pose (a bone, a clamp, a moving table): supports all axes, and the next\nstep takes each node from its place X at rest to position + turn (X - centre). centre (m) is a point of the rest\nshape, position (m) where it goes; turn is taken at unit length. A step goes there exactly; the increments of a\nstatic solve go straight, so that a large turn is better made in several solves. SB_ERROR_NOT_FINITE;\nSB_ERROR_ARGUMENT (a turn of length 0). What the body feels of it: sb_body_wrench.',
@@ -3065,7 +3090,7 @@ DOCUMENTATION = {
     'sb_body_add_springs': 'Springs of rest length 0 from nodes[count] to points in space points[count] (m): each pulls its node with\nstiffness (point - position). stiffness: N/m, >= 0, one for each spring, or one for all when uniform is 1.\nSB_ERROR_INDEX: a node out of range or of no element.',
     'sb_body_add_mapping': "Penalty displacements: draws each row of the mapping to targets[row_count] (m, in space) with stiffness[row_count]\n(N/m, >= 0; one for all when uniform is 1): f = -H k (H^T x - y), K = H k H^T. A row that couples nodes without a\ncommon element enlarges the body's tangent: its matrix and preconditioner are then made anew, and blocks grow with\nthe square of the row's length. SB_ERROR_ARGUMENT (an empty or descending row), SB_ERROR_INDEX (a node out of range,\nor one of no element whose weight is not 0) and SB_ERROR_NOT_FINITE name the row (error->element) or its node.\nSource: Robin condition through a mapping.",
     'sb_body_mapping_points': 'Where the rows are now (m): points[row_count].',
-    'sb_body_remove_load': 'Takes a pressure, springs or a mapping away; its id is then unknown. The next static solve lets its force fade.',
+    'sb_body_remove_load': 'Takes a pressure, springs, a mapping, a cable or a membrane away; its id is then unknown. The next static solve lets\nits force fade.',
     'sb_body_load_force': 'Net force (N) of a load on the body, and its torque (N m) about a point (m); either place may be NULL.',
     'sb_body_spring_forces': 'Force (N) of each spring on its node, forces[count], and of each row on the body, forces[row_count].',
     'sb_body_add_cable': "Adds a cable as one load more, by whose id sb_body_load_force (of what it does to the body) and sb_body_remove_load\nknow it, too. The def and its arrays are copied.\n- Forces come from the energy stiffness rest_length (e^2/2 - toe e/2 + toe^2/6), e = length / rest_length - 1, past\nthe toe, and stiffness rest_length e^3 / (6 toe) within it; a slack cable has none at all. Statics, and steps of\n  several Newton iterations, find the balance with it; a linearised step (max_newton 1) takes what it is at the start\n  and its stiffness there: a cable that goes taut or slack within the step does so in the next one.\n- The stiffness is positive semidefinite and part of every tangent: a stiff cable is safe at any dt. Under pressure a\n  rod (pushes) buckles where exact tangents are asked for; others leave that part out.\n- A static solve goes evenly from the rest length, stiffness and places that the last one ended with to the present\n  ones, and starts a new cable from no tension. It takes a cable as something that holds its length; where cables\n  alone hold a body and are slack at first, give it more load steps, or a support.\n- Explicit steps are bounded by the stiffness of all cables, slack ones too.\n- When the mesh changes, points go with their nodes and their material as rows of mappings do: to heirs of nodes\n  that go, to the cell that has their material. Points in space stay.\nErrors, with nothing added: SB_ERROR_ARGUMENT (NULL; fewer than 2 points; none of the body; a stiffness or toe strain\nbelow 0; rest_length below 0, or 0 where all points lie on one place; a point without a place, or whose weights do\nnot sum to 1), SB_ERROR_INDEX (a node out of range, or of no element), SB_ERROR_NOT_FINITE, SB_ERROR_MEMORY;\nerror->element names the point. Points without a common element enlarge the body's tangent as those of a mapping's\nrow do.\nSource: Blemker and Delp 2005 (paths that slide), Weiss et al. 1996 (toe of ligaments).",
@@ -3074,6 +3099,11 @@ DOCUMENTATION = {
     'sb_body_cable_tension': 'Tension (N) in the last step or static solve, 0 before; negative in a rod under pressure, and where a linearised step\nlet a cable go slack.',
     'sb_body_cable_length': 'Of its present points: length (m), and points[points] (m).',
     'sb_body_cable_forces': 'forces[points] (N) on each point in the last step or static solve; they sum to 0. What a point in space feels is what\nits bone feels.',
+    'sb_default_membrane_def': 'corners 3, prestretch 1, it wrinkles; no faces, thickness and shear 0.',
+    'sb_body_add_membrane': "Adds a membrane as one load more, by whose id sb_body_load_force (which is 0) and sb_body_remove_load know it, too.\nThe def and its faces are copied; a face twice has two sheets.\n- Forces come from the energy thickness shear / 2 (tr C + 1 / det C - 3) per area of the sheet, C = F^T F in its\n  plane. One that wrinkles has Pipkin's relaxed energy: with stretches a >= b, where b < a^-1/2 it pulls along a\nalone (shear (1 - a^-3)), and not at all where a <= 1. A point for each tri3, three for tri6, four for quad4, nine\nfor quad8 and quad9.\n- Statics, and steps of several Newton iterations, find the balance with it; a linearised step (max_newton 1) takes\n  its forces at the start and its stiffness there, without what pressure in it takes off, plus 1e-4 thickness shear\n  where it wrinkles. Rayleigh damping leaves it out.\n- A static solve goes evenly from the thickness times shear and the prestretch that the last one ended with to the\n  present ones; a new membrane has all of its stiffness at once, and starts from prestretch 1.\n- When the mesh changes, it goes with its faces as pressures do, and a face that is cut keeps what of it is material;\n  where the rest shape of nodes moves, so does its. A tet10 with a membrane cannot be cut.\nErrors, with nothing added: SB_ERROR_ARGUMENT (NULL; no faces; corners; a face that no element has, or between two:\nerror->node is its first; a face without area; thickness, shear or prestretch out of range), SB_ERROR_INDEX (a node\nout of range: error->node), SB_ERROR_NOT_FINITE, SB_ERROR_MEMORY, SB_ERROR_UNSUPPORTED (faces of a cut tet10).\nSource: Pipkin 1986 (relaxed energy); Holzapfel 2000, 6.5, for incompressible sheets.",
+    'sb_body_set_membrane': 'Changes between steps, without allocation; ranges and errors as above, SB_ERROR_INDEX: no membrane has this id.',
+    'sb_body_membrane_faces': 'Faces that a membrane has now (a change of the mesh may divide them), and their corner nodes, corners[count][corners]\nas its def had them; either may be NULL. SB_ERROR_ARGUMENT, SB_ERROR_INDEX.',
+    'sb_body_membrane_states': 'states[count] at the present shape; no allocation. SB_ERROR_ARGUMENT, SB_ERROR_INDEX.',
     'sb_embedding_create': 'Embeds points in a mesh. SB_ERROR_ARGUMENT (a field out of range, a point beyond max_distance: error->node),\nSB_ERROR_NOT_FINITE (error->node: the point), SB_ERROR_UNSUPPORTED for custom elements, what sb_mesh_validate says of\nthe mesh, SB_ERROR_INDEX for the surface, SB_ERROR_MEMORY; *embedding is then untouched. Copies what it keeps. About\n2 microseconds for each point of a tet mesh on one thread; the result does not depend on the threads. Release with\nsb_embedding_destroy.',
     'sb_embedding_update': "Where the points are when the nodes of the mesh are at node_positions (m), such as sb_body_positions(body):\npoints[point_count], and unless NULL unit normals[point_count]. node_positions: [node_count of\nsb_embedding_get_report], which is mesh.node_count, or the slots of the body that it follows. After a change of the\nbody's mesh (sb_body_change_commit), as needles make, the points are wrong unless the embedding follows it\n(sb_embedding_follow). Normals are\n- with a surface, of its deformed triangles (quads: corner triangles) around each point, weighted by area: those of\n  what is drawn. Zero for a point without triangles;\n- with def.normals, F^-T N of the embedding's deformation gradient F at the point: no neighbours needed, but it jumps\n  a little where F does, between elements.\nSB_ERROR_ARGUMENT for a NULL array, or normals without either source; nothing is written. Positions that are not\nfinite give points that are not. Output arrays must not overlap node_positions. Allocates nothing, but after a state\nwas loaded without memory for it (SB_ERROR_MEMORY, see sb_embedding_follow); the same bits for any number of threads;\none call at a time for each embedding. jobs: NULL for none.",
     'sb_embedding_forces': "Adds to node_forces[mesh.node_count] (N) the forces equivalent to point_forces[point_count] (N) at node_positions:\nthe exact transpose of sb_embedding_update's derivative, with the same net force and moment. What is said there of\nallocation, threads and errors holds.",

@@ -158,7 +158,7 @@ SB_API sb_result sb_body_set_solver(sb_body *body, sb_real tolerance, int max_it
  * energy in long steps. What is kept is part of the state.
  *
  * Made anew in each step all the same: where materials are not all SB_COROTATED, where there are constraints, loads
- * that follow the body (springs, pressures, mappings, cables), tools, contact, damping by region, glue or supports that
+ * that follow the body (springs, mappings, membranes ...), tools, contact, damping by region, glue or supports that
  * move, with multigrid, and by needles with NDL_REMESH; and once after each change of dt, supports, materials or mesh.
  * Allocates; the steps do not. SB_ERROR_ARGUMENT, SB_ERROR_UNSUPPORTED (elements other than tet4), SB_ERROR_MEMORY
  * change nothing; error may be NULL. */
@@ -229,8 +229,8 @@ typedef struct sb_energy {
     sb_real elastic; /* J. With Prony terms the energy of the long-term response, which is what slow unloading gives
                       * back; what the terms hold besides will be dissipated and is not in it */
     sb_real kinetic; /* J */
-    sb_real springs; /* J, of springs, mappings and cables at their present stiffness and points; dead loads and
-                      * pressures have no energy of their own */
+    sb_real springs; /* J, of springs, mappings, cables and membranes at their present stiffness and points; dead loads
+                      * and pressures have no energy of their own */
 } sb_energy;
 SB_API sb_result sb_body_energy(sb_body *body, sb_energy *energy);
 /* y = K x, the stiffness at the present displacements times x: the change of the internal forces (N) when the nodes

@@ -15,7 +15,8 @@ typedef enum sbi_load_kind {
     SBI_LOAD_SPRINGS = 2,
     SBI_LOAD_MAPPING = 3,
     SBI_LOAD_POTENTIAL = 4,
-    SBI_LOAD_CABLE = 5
+    SBI_LOAD_CABLE = 5,
+    SBI_LOAD_MEMBRANE = 6
 } sbi_load_kind;
 
 /* What a cable is made of. */
@@ -38,10 +39,19 @@ typedef struct sbi_cable_lie {
     sb_real *shares;
 } sbi_cable_lie;
 
+/* What a membrane is made of. */
+typedef struct sbi_membrane_law {
+    sb_real thickness;  /* m, > 0 */
+    sb_real shear;      /* Pa */
+    sb_real prestretch; /* > 0 */
+    int wrinkles;       /* 1: it does not resist being pressed together */
+} sbi_membrane_law;
+
 /* A load that follows the body (see load.h). Springs are a mapping with one node of weight 1 in each row; a pressure's
  * rows are the nodes of its faces. A potential has rows without targets, whose owner fills force, stiffness and lines
  * (see body_guest.h); it is in the list only while a solve has it. A cable's rows are its points, in order, with no
- * stiffness; one in space is a row of one weight, 0, and its place is its target. State: stiffness, target, pressure,
+ * stiffness; one in space is a row of one weight, 0, and its place is its target. A membrane's rows are those of a
+ * pressure. State: stiffness, target, pressure,
  * their balanced twins, balanced, force, net. */
 typedef struct sbi_load {
     sbi_load_kind kind;
@@ -54,11 +64,11 @@ typedef struct sbi_load {
     int pattern_version; /* of the pattern that blocks are positions in; -1: of none yet */
     int balanced;        /* 1: a static solve has ended with the balanced values */
 
-    sb_element_type *face_types;         /* [row_count] of a pressure */
+    sb_element_type *face_types;         /* [row_count] of faces */
     sb_real pressure, balanced_pressure; /* Pa */
     int has_parts;                       /* 1: some of its faces are cut */
 
-    sb_real *weights; /* [row_start[row_count]] of rows; of a pressure see sbi_body_face_loads, where it has parts */
+    sb_real *weights; /* [row_start[row_count]] of rows; of faces see sbi_body_face_loads, where they have parts */
     sb_real *stiffness, *balanced_stiffness; /* [row_count] (N/m) */
     sb_vec3 *target, *balanced_target; /* [row_count] (m) displacement H^T u that the row is drawn to: kept like this,
                                         * and not as a position, the force has the displacement's precision */
@@ -72,10 +82,17 @@ typedef struct sbi_load {
     double net[6]; /* force (N) and torque about the origin (N m) in the last solve */
     /* of a cable */
     sbi_cable_law cable, balanced_cable;
-    sb_real tension;     /* N, in the last solve */
-    double cable_energy; /* J, where that ended */
+    sb_real tension;      /* N, in the last solve */
+    double curved_energy; /* J, of a cable or membrane, where that ended */
     sbi_cable_lie lie;
+    sbi_membrane_law membrane, balanced_membrane; /* of a membrane */
 } sbi_load;
+
+/* 1: its rows are faces. */
+SB_INLINE int sbi_load_has_faces(const sbi_load *load)
+{
+    return load->kind == SBI_LOAD_PRESSURE || load->kind == SBI_LOAD_MEMBRANE;
+}
 
 /* A traction on a face, or on a piece's part of it. */
 typedef struct sbi_traction {
@@ -155,6 +172,8 @@ typedef enum sbi_command_code {
     SBI_COMMAND_CABLE = 38,     /* a: load; reals: rest length, stiffness */
     SBI_COMMAND_POSE = 39,      /* ints: nodes; reals: centre, position, quaternion (w x y z) */
     SBI_COMMAND_KEEP_TANGENT = 40, /* reals: angle */
+    SBI_COMMAND_ADD_MEMBRANE = 41, /* a: corners, b: 1 when it wrinkles; ints: faces; reals: as below */
+    SBI_COMMAND_MEMBRANE = 42,     /* a: load; reals: thickness, shear modulus, prestretch */
     SBI_COMMAND_COUNT
 } sbi_command_code;
 
@@ -347,8 +366,11 @@ SBI_API void sbi_body_tell_command(sb_body *body, const sbi_command *command);
 SBI_API sb_result sbi_body_reserve_tractions(sb_body *body, int more, sb_error *error);
 /* dead_load += what a traction on a face of tet4, or a part of one, gives its nodes. */
 SBI_API void sbi_body_spread_traction(const sb_body *body, const sbi_traction *traction, sb_vec3 *dead_load);
-/* What of its faces is material, as the body's cells are now; does nothing but for a pressure. */
+/* What of its faces is material, as the body's cells are now; does nothing for a load without faces. */
 SBI_API void sbi_load_weigh_faces(const sb_body *body, sbi_load *load);
+/* A load of these outer faces, as callers give them; errors of sb_body_add_pressure. */
+SBI_API sb_result sbi_load_make_faces(const sb_body *body, sbi_load_kind kind, const int *faces, int face_count,
+                                      int corners, sbi_load *load, sb_error *error);
 /* Frees its arrays. */
 SBI_API void sbi_load_release(const sb_allocator *allocator, const sbi_load *load);
 

@@ -2,6 +2,7 @@
 #include "body.h"
 #include "body_private.h"
 #include "cable_law.h"
+#include "membrane_law.h"
 #include "live_private.h"
 #include "live_mesh.h"
 
@@ -119,7 +120,7 @@ static void sbi_body_reset_load(sbi_load *load)
     load->balanced = 0; /* the balanced values mean nothing now, nor does a saved state have them */
     load->balanced_pressure = 0;
     load->tension = 0;
-    load->cable_energy = 0;
+    load->curved_energy = 0;
     memset(load->net, 0, sizeof load->net);
     if (load->force)
         memset(load->force, 0, (size_t)load->row_count * sizeof *load->force);
@@ -156,7 +157,7 @@ SB_API void sb_body_reset(sb_body *body)
 
 /* ---- readings ---- */
 
-/* sum over the rows of k |H^T u - target|^2 / 2, or what a cable has. */
+/* sum over the rows of k |H^T u - target|^2 / 2, or what a cable or membrane has. */
 static sb_real sbi_body_load_energy(const sb_body *body, sbi_load *load)
 {
     sb_real sum = 0;
@@ -164,6 +165,8 @@ static sb_real sbi_body_load_energy(const sb_body *body, sbi_load *load)
         sbi_cable_lay(body, load, body->displacement, 1);
         return (sb_real)load->lie.energy;
     }
+    if (load->kind == SBI_LOAD_MEMBRANE)
+        return (sb_real)sbi_membrane_energy(body, load, body->displacement, 1);
     for (int j = 0; load->kind != SBI_LOAD_PRESSURE && j < load->row_count; j++) {
         sb_vec3 stretch = sb_v3_sub(sbi_body_row_value(load, j, body->displacement), load->target[j]);
         sum += (sb_real)0.5 * load->stiffness[j] * sb_v3_dot(stretch, stretch);

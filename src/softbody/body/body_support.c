@@ -82,8 +82,9 @@ SBI_API sb_result sbi_body_check_whole(const sb_body *body, const sbi_body_face 
         for (int side = 0; side < 4 && sbi_live_is_piece(body, e); side++) {
             sb_element_face(SB_TET4, side, local, NULL);
             if (sbi_body_has_corners(face->nodes, body->domain.cells + 10 * (size_t)e, local, 3))
-                return sbi_fail_element(error, SB_ERROR_UNSUPPORTED, e,
-                                        "cell %d is a piece of a tet10: its faces take no pressures and tractions", e);
+                return sbi_fail_element(
+                    error, SB_ERROR_UNSUPPORTED, e,
+                    "cell %d is a piece of a tet10: its faces take no pressures, tractions and membranes", e);
         }
     }
     return SB_OK;
@@ -574,7 +575,7 @@ SBI_API sb_result sbi_body_reserve_ties(sb_body *body, const sbi_body_rows *rows
 static void sbi_body_hold_load(const sb_body *body, const sbi_load *load)
 {
     sbi_body_rows rows = {load->row_count, load->row_start, load->nodes, NULL, load->weights};
-    for (int j = 0; load->kind != SBI_LOAD_PRESSURE && j < load->row_count; j++)
+    for (int j = 0; !sbi_load_has_faces(load) && j < load->row_count; j++)
         for (int axis = 0; axis < 3 && load->stiffness[j] > 0; axis++) {
             sbi_body_row row = sbi_body_make_row(&rows, j, axis);
             sbi_body_hold_row(body, &row);

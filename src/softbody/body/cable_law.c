@@ -277,5 +277,5 @@ SBI_API void sbi_cable_read(const sb_body *body, sbi_load *load, const sb_vec3 *
     }
     load->tension = load->lie.tension + load->lie.rate * longer;
     sbi_cable_lay(body, load, body->displacement, factor);
-    load->cable_energy = load->lie.energy;
+    load->curved_energy = load->lie.energy;
 }

@@ -495,7 +495,8 @@ static sb_result sbi_live_check_face(const sbi_live_rows *rows, const int *nodes
         if (change->made_parents[i] == change->removed_cells[removed] &&
             sbi_live_is_piece(rows->next, change->made_cells[i]))
             return sbi_fail_element(error, SB_ERROR_UNSUPPORTED, change->made_parents[i],
-                                    "a pressure is on a face of cell %d, a tet10, which cannot fall into pieces then",
+                                    "a pressure or membrane is on a face of cell %d, a tet10, which cannot fall into "
+                                    "pieces then",
                                     change->made_parents[i]);
     return SB_OK;
 }
@@ -553,9 +554,11 @@ static sb_result sbi_live_make_load(sbi_live_rows *rows, const sbi_load *load, s
     memcpy(made->net, load->net, sizeof made->net);
     made->cable = load->cable;
     made->balanced_cable = load->balanced_cable;
+    made->membrane = load->membrane;
+    made->balanced_membrane = load->balanced_membrane;
     made->tension = load->tension;
-    made->cable_energy = load->cable_energy;
-    if (load->kind == SBI_LOAD_PRESSURE) {
+    made->curved_energy = load->curved_energy;
+    if (sbi_load_has_faces(load)) {
         memcpy(made->face_types, rows->types, (size_t)rows->rows * sizeof(sb_element_type));
         sbi_load_weigh_faces(rows->next, made);
         return SB_OK;
@@ -573,19 +576,19 @@ static sb_result sbi_live_carry_load(sbi_live_rows *rows, const sbi_load *load, 
     if (result == SB_OK)
         sbi_live_rows_clear(rows);
     for (int j = 0; j < load->row_count && result == SB_OK; j++)
-        result = load->kind == SBI_LOAD_PRESSURE
+        result = sbi_load_has_faces(load)
                      ? sbi_live_carry_face(rows, load->nodes + load->row_start[j],
                                            load->row_start[j + 1] - load->row_start[j], load->face_types[j], error)
                      : sbi_live_carry_row(rows, load, j, error);
     if (result == SB_OK && rows->rows == 0 && !rows->body->live->erodes)
         result = sbi_fail_node(error, SB_ERROR_ARGUMENT, load->nodes[0],
-                               "pressure %d would lose its last face: remove it first", load->id);
+                               "load %d would lose its last face: remove it first", load->id);
     if (result == SB_OK)
         result = sbi_live_make_load(rows, load, made, error);
     if (result != SB_OK)
         return result;
     next->load_count++;
-    return load->kind != SBI_LOAD_PRESSURE ? sbi_load_couple(next, made, error) : SB_OK;
+    return sbi_load_has_faces(load) ? SB_OK : sbi_load_couple(next, made, error);
 }
 
 /* ---- tractions ---- */

@@ -6,6 +6,7 @@
 #include "body_private.h"
 #include "cable_law.h"
 #include "live_private.h"
+#include "membrane_law.h"
 
 /* ---- dead loads ---- */
 
@@ -118,8 +119,7 @@ static void sbi_load_need_row_rule(const sbi_load *load, int row, sbi_load_rule 
 SBI_API void sbi_load_weigh_faces(const sb_body *body, sbi_load *load)
 {
     load->has_parts = 0;
-    if (load->kind != SBI_LOAD_PRESSURE || !body->live || !body->live->piece_count ||
-        body->domain.element_type != SB_TET4)
+    if (!sbi_load_has_faces(load) || !body->live || !body->live->piece_count || body->domain.element_type != SB_TET4)
         return;
     for (int j = 0; j < load->row_count; j++) {
         sb_real *loads = load->weights + load->row_start[j];
@@ -305,7 +305,7 @@ static void sbi_load_layout(sbi_load *load, int entries, size_t pairs, sbi_arena
     load->nodes = (int *)sbi_arena_take(arena, (size_t)entries, sizeof(int));
     load->blocks = (int *)sbi_arena_take(arena, pairs, sizeof(int));
     load->weights = (sb_real *)sbi_arena_take(arena, (size_t)entries, sizeof(sb_real));
-    if (load->kind == SBI_LOAD_PRESSURE) {
+    if (sbi_load_has_faces(load)) {
         load->face_types = (sb_element_type *)sbi_arena_take(arena, rows, sizeof(sb_element_type));
         return;
     }
@@ -381,9 +381,8 @@ static sb_result sbi_load_outer_face(const sb_body *body, const int *faces, int 
     return result;
 }
 
-/* A pressure load of these faces, its pressure still 0. */
-static sb_result sbi_load_make_faces(const sb_body *body, const int *faces, int face_count, int corners, sbi_load *load,
-                                     sb_error *error)
+SBI_API sb_result sbi_load_make_faces(const sb_body *body, sbi_load_kind kind, const int *faces, int face_count,
+                                      int corners, sbi_load *load, sb_error *error)
 {
     size_t entries = 0, pairs = 0;
     sbi_body_face face;
@@ -398,7 +397,7 @@ static sb_result sbi_load_make_faces(const sb_body *body, const int *faces, int 
             result = sbi_fail(error, SB_ERROR_MEMORY, "%d faces have too many nodes", face_count);
     }
     if (result == SB_OK)
-        result = sbi_load_make(&body->allocator, SBI_LOAD_PRESSURE, face_count, (int)entries, pairs, load, error);
+        result = sbi_load_make(&body->allocator, kind, face_count, (int)entries, pairs, load, error);
     for (int f = 0; f < face_count && result == SB_OK; f++) {
         int *nodes = load->nodes + load->row_start[f];
         result = sbi_load_outer_face(body, faces, f, corners, &face, error);
@@ -420,7 +419,7 @@ SB_API sb_result sb_body_add_pressure(sb_body *body, const int *faces, int face_
         return sbi_fail(error, SB_ERROR_ARGUMENT, "sb_body_add_pressure needs a body, and faces of 3 or 4 corners");
     if (!sb_is_finite(pressure))
         return sbi_fail(error, SB_ERROR_NOT_FINITE, "the pressure is not finite");
-    result = sbi_load_make_faces(body, faces, face_count, corners, &load, error);
+    result = sbi_load_make_faces(body, SBI_LOAD_PRESSURE, faces, face_count, corners, &load, error);
     if (result != SB_OK)
         return result;
     result = sbi_load_reserve(body, error);
@@ -930,6 +929,10 @@ SBI_API sb_real sbi_loads_force(sb_body *body, const sb_vec3 *u, sb_real factor)
             size += sbi_cable_square_size(body, load, u, factor);
             continue;
         }
+        if (load->kind == SBI_LOAD_MEMBRANE) {
+            size += sbi_membrane_add_force(body, load, u, factor, body->follower);
+            continue;
+        }
         for (int j = 0; j < load->row_count; j++) {
             const int *nodes = load->nodes + load->row_start[j];
             int count = load->row_start[j + 1] - load->row_start[j];
@@ -1019,6 +1022,10 @@ SBI_API void sbi_loads_add_tangent(sb_body *body, const sb_vec3 *u, sb_tangent_k
             continue;
         }
         sbi_load_locate(body, load);
+        if (load->kind == SBI_LOAD_MEMBRANE) {
+            sbi_membrane_add_tangent(body, load, u, kind, factor, matrix);
+            continue;
+        }
         rule.type = SB_NO_ELEMENT;
         for (int j = 0; j < load->row_count; j++) {
             size_t count = (size_t)(load->row_start[j + 1] - load->row_start[j]);
@@ -1036,11 +1043,17 @@ SBI_API void sbi_loads_add_tangent(sb_body *body, const sb_vec3 *u, sb_tangent_k
 
 SBI_API void sbi_loads_add_slack(sb_body *body, const sb_vec3 *u, sb_matrix *matrix)
 {
-    for (int l = 0; l < body->load_count; l++)
-        if (body->loads[l].kind == SBI_LOAD_CABLE) {
-            sbi_cable_lay(body, body->loads + l, u, 1);
-            sbi_cable_add_slack(body->loads + l, matrix);
+    for (int l = 0; l < body->load_count; l++) {
+        sbi_load *load = body->loads + l;
+        if (load->kind == SBI_LOAD_CABLE) {
+            sbi_cable_lay(body, load, u, 1);
+            sbi_cable_add_slack(load, matrix);
         }
+        if (load->kind == SBI_LOAD_MEMBRANE) {
+            sbi_load_locate(body, load);
+            sbi_membrane_add_slack(body, load, u, matrix);
+        }
+    }
 }
 
 SBI_API void sbi_loads_subtract_product(const sb_body *body, const sb_vec3 *x, sb_real factor, sb_vec3 *out)
@@ -1051,7 +1064,9 @@ SBI_API void sbi_loads_subtract_product(const sb_body *body, const sb_vec3 *x, s
             sbi_cable_add_product(load, x, -1, out);
             continue;
         }
-        for (int j = 0; load->kind != SBI_LOAD_PRESSURE && j < load->row_count; j++) {
+        if (load->kind == SBI_LOAD_MEMBRANE)
+            sbi_membrane_add_product(body, load, body->displacement, factor, x, -1, out);
+        for (int j = 0; !sbi_load_has_faces(load) && j < load->row_count; j++) {
             sb_vec3 part = sbi_load_stiff_part(load, j, sbi_body_row_value(load, j, x));
             sb_vec3 pull = sb_v3_scale(-sbi_load_stiffness_at(load, j, factor), part);
             for (int k = load->row_start[j]; k < load->row_start[j + 1]; k++)
@@ -1086,6 +1101,10 @@ SBI_API sbi_loads_work sbi_loads_line(sb_body *body, const sb_vec3 *u, const sb_
             work.curved += sbi_cable_work(load, du);
             continue;
         }
+        if (load->kind == SBI_LOAD_MEMBRANE) {
+            work.curved += sbi_membrane_work(body, load, u, factor, du);
+            continue;
+        }
         for (int j = 0; j < load->row_count; j++) {
             sb_vec3 x[SB_MAX_FACE_NODES], d[SB_MAX_FACE_NODES], way;
             if (load->kind == SBI_LOAD_PRESSURE) {
@@ -1110,14 +1129,21 @@ static double sbi_load_row_energy(const sbi_load *load, int row, const sb_vec3 *
     return 0.5 * (double)load->stiffness[row] * (double)sb_v3_dot(stretch, stretch);
 }
 
+static double sbi_load_curved_energy(const sb_body *body, sbi_load *load, const sb_vec3 *u, sb_real factor)
+{
+    if (load->kind == SBI_LOAD_MEMBRANE)
+        return sbi_membrane_energy(body, load, u, factor);
+    if (load->kind != SBI_LOAD_CABLE)
+        return 0;
+    sbi_cable_lay(body, load, u, factor);
+    return load->lie.energy;
+}
+
 SBI_API double sbi_loads_curved_energy(sb_body *body, const sb_vec3 *u, sb_real factor)
 {
     double sum = 0;
     for (int l = 0; l < body->load_count; l++)
-        if (body->loads[l].kind == SBI_LOAD_CABLE) {
-            sbi_cable_lay(body, body->loads + l, u, factor);
-            sum += body->loads[l].lie.energy;
-        }
+        sum += sbi_load_curved_energy(body, body->loads + l, u, factor);
     return sum;
 }
 
@@ -1137,10 +1163,8 @@ SBI_API double sbi_loads_new_energy(sb_body *body)
     double sum = 0;
     for (int l = 0; l < body->load_count; l++) {
         sbi_load *load = body->loads + l;
-        if (load->kind == SBI_LOAD_CABLE) {
-            sbi_cable_lay(body, load, body->displacement, 1);
-            sum += load->lie.energy > load->cable_energy ? load->lie.energy - load->cable_energy : 0;
-        }
+        double curved = sbi_load_curved_energy(body, load, body->displacement, 1);
+        sum += curved > load->curved_energy ? curved - load->curved_energy : 0;
         for (int j = 0; sbi_load_has_targets(load) && j < load->row_count; j++) {
             double k = (double)load->stiffness[j], force = (double)sb_v3_dot(load->force[j], load->force[j]);
             double gain = k > 0 ? sbi_load_row_energy(load, j, body->displacement) - 0.5 * force / k : 0;
@@ -1156,6 +1180,8 @@ SBI_API void sbi_loads_begin_static(sb_body *body)
         sbi_load *load = body->loads + l;
         if (load->kind == SBI_LOAD_CABLE && !load->balanced)
             sbi_cable_relax(body, load);
+        if (load->kind == SBI_LOAD_MEMBRANE && !load->balanced)
+            sbi_membrane_relax(load);
         for (int j = 0; sbi_load_has_targets(load) && !load->balanced && j < load->row_count; j++) {
             load->balanced_stiffness[j] = load->stiffness[j];
             load->balanced_target[j] = sbi_body_row_value(load, j, body->displacement);
@@ -1170,6 +1196,8 @@ SBI_API void sbi_loads_end_static(sb_body *body, sb_real factor)
         load->balanced_pressure = sbi_load_pressure_at(load, factor);
         if (load->kind == SBI_LOAD_CABLE)
             sbi_cable_settle(load, factor);
+        if (load->kind == SBI_LOAD_MEMBRANE)
+            sbi_membrane_settle(load, factor);
         load->balanced = 1;
         for (int j = 0; sbi_load_has_targets(load) && j < load->row_count; j++) {
             load->balanced_target[j] = sbi_load_target_at(load, j, factor);
@@ -1203,6 +1231,8 @@ SBI_API void sbi_loads_commit(sb_body *body, const sb_vec3 *row_u, const sb_vec3
         rule.type = SB_NO_ELEMENT;
         if (load->kind == SBI_LOAD_CABLE)
             sbi_cable_read(body, load, row_u, pressure_u, factor);
+        if (load->kind == SBI_LOAD_MEMBRANE)
+            load->curved_energy = sbi_membrane_energy(body, load, body->displacement, factor);
         for (int j = 0; j < load->row_count; j++) {
             const int *nodes = load->nodes + load->row_start[j];
             int count = load->row_start[j + 1] - load->row_start[j];
@@ -1210,6 +1240,10 @@ SBI_API void sbi_loads_commit(sb_body *body, const sb_vec3 *row_u, const sb_vec3
             if (load->kind == SBI_LOAD_PRESSURE) {
                 sbi_load_gather(body, load, j, pressure_u, x, &rule);
                 sbi_body_face_force(&rule, count, x, sbi_load_pressure_at(load, factor), force);
+            }
+            if (load->kind == SBI_LOAD_MEMBRANE)
+                sbi_membrane_face_force(body, load, j, row_u, pressure_u, factor, force);
+            if (sbi_load_has_faces(load)) {
                 for (int a = 0; a < count; a++)
                     sbi_load_collect(body, row_u, nodes[a], force[a], load, body->external);
                 continue;
@@ -1366,11 +1400,12 @@ static void sbi_load_fade(sb_body *body, const sbi_load *load)
             sbi_load_gather(body, load, j, body->displacement, x, &rule);
             sbi_body_face_force(&rule, count, x, load->balanced_pressure, force);
         }
+        if (load->kind == SBI_LOAD_MEMBRANE)
+            sbi_membrane_face_force(body, load, j, body->displacement, body->displacement, 0, force);
         for (int a = 0; a < count; a++) {
             sb_vec3 *sum = body->equilibrated + nodes[a];
-            *sum = load->kind == SBI_LOAD_PRESSURE
-                       ? sb_v3_add(*sum, force[a])
-                       : sb_v3_madd(*sum, load->weights[load->row_start[j] + a], load->force[j]);
+            *sum = sbi_load_has_faces(load) ? sb_v3_add(*sum, force[a])
+                                            : sb_v3_madd(*sum, load->weights[load->row_start[j] + a], load->force[j]);
         }
     }
 }

@@ -63,7 +63,8 @@ SB_API sb_result sb_body_set_mapping_stiffness(sb_body *body, int load_id, const
 /* Where the rows are now (m): points[row_count]. */
 SB_API sb_result sb_body_mapping_points(const sb_body *body, int load_id, sb_vec3 *points);
 
-/* Takes a pressure, springs or a mapping away; its id is then unknown. The next static solve lets its force fade. */
+/* Takes a pressure, springs, a mapping, a cable or a membrane away; its id is then unknown. The next static solve lets
+ * its force fade. */
 SB_API sb_result sb_body_remove_load(sb_body *body, int load_id);
 
 /* ---- readings of the last step or static solve: 0 before the first, no allocation ---- */
@@ -75,8 +76,8 @@ SB_API sb_result sb_body_mapping_forces(const sb_body *body, int load_id, sb_vec
 
 #if defined(SB_IMPLEMENTATION) || defined(SB_SPLIT_BUILD)
 /* Work of these loads along u + s du, s in [0, t]: linear t + quadratic t^2 + cubic t^3. Exact: a pressure is
- * quadratic in u, springs linear. That of cables is no polynomial: it comes from sbi_loads_curved_energy, and `curved`
- * t is what it is near u. */
+ * quadratic in u, springs linear. That of cables and membranes is no polynomial: it comes from sbi_loads_curved_energy,
+ * and `curved` t is what it is near u. */
 typedef struct sbi_loads_work {
     sb_real linear, quadratic, cubic, curved;
 } sbi_loads_work;
@@ -90,9 +91,10 @@ SBI_API sb_real sbi_loads_force(sb_body *body, const sb_vec3 *u, sb_real factor)
 /* matrix += their stiffness -df/du at u; that of pressures for SB_TANGENT_EXACT only. */
 SBI_API void sbi_loads_add_tangent(sb_body *body, const sb_vec3 *u, sb_tangent_kind kind, sb_real factor,
                                    sb_matrix *matrix);
-/* matrix += what cables that are slack at u, or in their toe, would add were they taut: a bound of what may come. */
+/* matrix += what cables that are slack at u, or in their toe, and membranes that wrinkle would add were they taut: a
+ * bound of what may come. */
 SBI_API void sbi_loads_add_slack(sb_body *body, const sb_vec3 *u, sb_matrix *matrix);
-/* out -= K x with the stiffness of springs, mappings and cables (where they were laid last), which is what
+/* out -= K x with the stiffness of springs, mappings, membranes and cables (where they were laid last), which is what
  * sbi_loads_add_tangent added for linearised steps. */
 SBI_API void sbi_loads_subtract_product(const sb_body *body, const sb_vec3 *x, sb_real factor, sb_vec3 *out);
 /* 1 where a pressure is not 0. */
@@ -108,10 +110,10 @@ SBI_API void sbi_load_add_unit_pressure(const sb_body *body, const struct sbi_lo
 /* out += H f of one row. */
 SBI_API void sbi_load_spread_row(const struct sbi_load *load, int row, sb_vec3 f, sb_vec3 *out);
 SBI_API sbi_loads_work sbi_loads_line(sb_body *body, const sb_vec3 *u, const sb_vec3 *du, sb_real factor);
-/* Energy of cables at u (J), which is part of what a step goes down. */
+/* Energy of cables and membranes at u (J), which is part of what a step goes down. */
 SBI_API double sbi_loads_curved_energy(sb_body *body, const sb_vec3 *u, sb_real factor);
-/* Energy of springs, mappings and cables at u (J), and how much of it at the body's displacement, which is where the
- * last step ended, is new since: their points or stiffness were changed. */
+/* Energy of springs, mappings, cables and membranes at u (J), and how much of it at the body's displacement, which is
+ * where the last step ended, is new since: their points or stiffness were changed. */
 SBI_API double sbi_loads_energy(sb_body *body, const sb_vec3 *u);
 SBI_API double sbi_loads_new_energy(sb_body *body);
 /* Start of a static solve: loads that are new to it begin where they exert no force. */

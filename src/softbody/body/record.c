@@ -13,6 +13,7 @@
 
 #include "body_private.h"
 #include "cable.h"
+#include "membrane.h"
 #include "constraint.h"
 #include "live_private.h"
 #include "load.h"
@@ -538,6 +539,27 @@ static sb_result sbi_play_cable(sb_body *body, const sbi_command *c, sb_error *e
     return result == SB_OK ? sb_body_set_cable_stiffness(body, c->a, c->reals[1]) : result;
 }
 
+static sb_result sbi_play_add_membrane(sb_body *body, const sbi_command *c, sb_error *error)
+{
+    sb_membrane_def def = sb_default_membrane_def();
+    if (c->a < 3 || c->int_count % (size_t)c->a != 0)
+        return sbi_record_refuse_counts(c, error);
+    def.faces = c->ints;
+    def.corners = c->a;
+    def.face_count = (int)(c->int_count / (size_t)c->a);
+    def.thickness = c->reals[0];
+    def.shear = c->reals[1];
+    def.prestretch = c->reals[2];
+    def.wrinkles = c->b;
+    return sb_body_add_membrane(body, &def, NULL, error);
+}
+
+static sb_result sbi_play_membrane(sb_body *body, const sbi_command *c, sb_error *error)
+{
+    (void)error;
+    return sb_body_set_membrane(body, c->a, c->reals[0], c->reals[1], c->reals[2]);
+}
+
 /* Rows of a load; 0 when there is none. */
 static size_t sbi_record_load_rows(const sb_body *body, int id)
 {
@@ -692,6 +714,8 @@ static const sbi_record_rule sbi_record_rules[] = {
     {SBI_COMMAND_CABLE, "cable", 0, 2, sbi_play_cable},
     {SBI_COMMAND_POSE, "pose", SBI_INTS_ANY, 10, sbi_play_pose},
     {SBI_COMMAND_KEEP_TANGENT, "kept tangent", 0, 1, sbi_play_keep_tangent},
+    {SBI_COMMAND_ADD_MEMBRANE, "new membrane", SBI_INTS_ANY, 3, sbi_play_add_membrane},
+    {SBI_COMMAND_MEMBRANE, "membrane", 0, 3, sbi_play_membrane},
     {SBI_COMMAND_PART_STEP, "step of a part", SBI_INTS_ANY, SBI_REALS_ANY, sbi_play_part},
 };
 

@@ -9,6 +9,7 @@
 #include "constraint.h"
 #include "live_private.h"
 #include "load.h"
+#include "membrane_law.h"
 #include "state_part.h"
 #include "../base/output.h"
 #include "step_explicit.h"
@@ -689,7 +690,7 @@ static void sbi_state_check_face(const sb_body *body, sbi_state_walk *walk, int 
         (int)face.type == type && memcmp(face.nodes, nodes, (size_t)size * sizeof *nodes) == 0)
         return;
     sbi_state_refuse(walk, sbi_fail_node(walk->error, SB_ERROR_FORMAT, nodes[0],
-                                         "a saved pressure acts on what is no face, at node %d", nodes[0]));
+                                         "a saved load acts on what is no face, at node %d", nodes[0]));
 }
 
 /* Whether the matrix has a block for every pair of the nodes of the row that begins there. */
@@ -729,34 +730,34 @@ static void sbi_state_row_values(sbi_state_walk *walk, sbi_load *load, int j)
 /* One row; `from`: its first entry. Returns its length. */
 static int sbi_state_row(const sb_body *body, sbi_state_walk *walk, sbi_load *load, int j, size_t from)
 {
-    int pressure = load->kind == SBI_LOAD_PRESSURE, most = pressure ? SB_MAX_FACE_NODES : INT32_MAX;
+    int faces = sbi_load_has_faces(load), most = faces ? SB_MAX_FACE_NODES : INT32_MAX;
     int size = load->row_start ? load->row_start[j + 1] - load->row_start[j] : 1, corner[SB_MAX_FACE_NODES] = {0};
     int type = 0;
     size_t at;
     size = sbi_state_int(walk, size, 1, load->kind == SBI_LOAD_SPRINGS ? 1 : most, "row length of a load");
-    if (pressure)
+    if (faces)
         type = sbi_state_int(walk, load->face_types ? (int)load->face_types[j] : 0, SB_TRI3, SB_QUAD9, "face type");
-    if (pressure && walk->store)
+    if (faces && walk->store)
         load->face_types[j] = (sb_element_type)type;
     at = walk->used;
     for (int k = 0; k < size && walk->result == SB_OK; k++) {
         int node = sbi_state_put_int(walk, load->nodes ? load->nodes + from + k : NULL, 0, body->domain.node_count - 1,
                                      "node of a load");
-        if (pressure && k < SB_MAX_FACE_NODES)
+        if (faces && k < SB_MAX_FACE_NODES)
             corner[k] = node;
     }
-    if (sbi_state_checks(walk) && pressure)
+    if (sbi_state_checks(walk) && faces)
         sbi_state_check_face(body, walk, type, size, corner);
-    if (walk->pass == SBI_STATE_RESERVE && walk->result == SB_OK && !pressure)
+    if (walk->pass == SBI_STATE_RESERVE && walk->result == SB_OK && !faces)
         sbi_state_check_blocks(body, walk, at, size);
-    for (int k = 0; k < size && walk->result == SB_OK && !pressure; k++) {
+    for (int k = 0; k < size && walk->result == SB_OK && !faces; k++) {
         sb_real weight = sbi_state_put_real(walk, load->weights ? load->weights + from + k : NULL);
         if (sbi_state_checks(walk) && (load->kind == SBI_LOAD_SPRINGS ? weight != 1 : !sb_is_finite(weight)))
             sbi_state_refuse(walk, sbi_fail_element(walk->error, SB_ERROR_NOT_FINITE, j,
                                                     "row %d of the saved load %d has weight %g", j, load->id,
                                                     (double)weight));
     }
-    if (!pressure)
+    if (!faces)
         sbi_state_row_values(walk, load, j);
     return size;
 }
@@ -777,7 +778,7 @@ static sbi_state_rows sbi_state_load_rows(const sb_body *body, sbi_state_walk *w
     sbi_state_rows rows = {0, 0, 0};
     rows.same = like && like->kind == load->kind && like->row_count == load->row_count;
     for (int j = 0; j < load->row_count && walk->result == SB_OK; j++) {
-        size_t at = walk->used + (load->kind == SBI_LOAD_PRESSURE ? 8 : 4);
+        size_t at = walk->used + (sbi_load_has_faces(load) ? 8 : 4);
         int size = sbi_state_row(body, walk, load, j, rows.entries);
         if (walk->result != SB_OK)
             break;
@@ -811,14 +812,35 @@ static void sbi_state_cable(sbi_state_walk *walk, sbi_load *load)
     sbi_state_cable_law(walk, load, &load->cable);
     sbi_state_cable_law(walk, load, &load->balanced_cable);
     load->tension = sbi_state_real(walk, load->tension);
-    load->cable_energy = sbi_state_double(walk, load->cable_energy);
+    load->curved_energy = sbi_state_double(walk, load->curved_energy);
+}
+
+/* What a membrane is made of. */
+static void sbi_state_membrane_law(sbi_state_walk *walk, sbi_membrane_law *law)
+{
+    law->thickness = sbi_state_real(walk, law->thickness);
+    law->shear = sbi_state_real(walk, law->shear);
+    law->prestretch = sbi_state_real(walk, law->prestretch);
+    law->wrinkles = sbi_state_int(walk, law->wrinkles, 0, 1, "mark of a membrane that wrinkles");
+    if (sbi_state_checks(walk) && walk->result == SB_OK)
+        sbi_state_refuse(walk, sbi_membrane_check_law(law, walk->error));
+}
+
+/* What a membrane has beyond its faces. */
+static void sbi_state_membrane(sbi_state_walk *walk, sbi_load *load)
+{
+    if (!load->balanced)
+        load->balanced_membrane = load->membrane;
+    sbi_state_membrane_law(walk, &load->membrane);
+    sbi_state_membrane_law(walk, &load->balanced_membrane);
+    load->curved_energy = sbi_state_double(walk, load->curved_energy);
 }
 
 /* What a load has once. An image's values go into `load`, which is a copy. */
 static void sbi_state_load_head(const sb_body *body, sbi_state_walk *walk, int after, sbi_load *load)
 {
     int last = body->last_load_id;
-    load->kind = (sbi_load_kind)sbi_state_int(walk, (int)load->kind, SBI_LOAD_PRESSURE, SBI_LOAD_CABLE, "load kind");
+    load->kind = (sbi_load_kind)sbi_state_int(walk, (int)load->kind, SBI_LOAD_PRESSURE, SBI_LOAD_MEMBRANE, "load kind");
     if (sbi_state_checks(walk) && load->kind == SBI_LOAD_POTENTIAL)
         sbi_state_refuse(walk, sbi_fail(walk->error, SB_ERROR_FORMAT, "a saved load is of no kind that is saved"));
     load->id =
@@ -836,6 +858,8 @@ static void sbi_state_load_head(const sb_body *body, sbi_state_walk *walk, int a
             walk, sbi_fail(walk->error, SB_ERROR_NOT_FINITE, "the saved pressure of load %d is not finite", load->id));
     if (load->kind == SBI_LOAD_CABLE)
         sbi_state_cable(walk, load);
+    if (load->kind == SBI_LOAD_MEMBRANE)
+        sbi_state_membrane(walk, load);
 }
 
 /* Room for what these rows tie. */
@@ -872,7 +896,7 @@ static void sbi_state_make_load(sb_body *body, sbi_state_walk *walk, int after, 
     sbi_state_load_head(body, walk, after, load);
     sbi_state_load_rows(body, walk, load, NULL);
     walk->store = 0;
-    if (load->kind != SBI_LOAD_PRESSURE)
+    if (!sbi_load_has_faces(load))
         sbi_state_reserve_ties(body, walk, load->row_count, load->row_start, load->nodes, NULL, load->weights);
 }
 

@@ -178,8 +178,8 @@ static sb_result sbi_parameter_check_load(const sb_body *body, const sb_paramete
 {
     const sbi_load *load = sbi_loads_get(body, p->load_id);
     int presses = p->kind == SB_PARAMETER_PRESSURE;
-    if (!load || (load->kind == SBI_LOAD_PRESSURE) != presses || load->kind == SBI_LOAD_POTENTIAL ||
-        load->kind == SBI_LOAD_CABLE)
+    if (!load || (load->kind == SBI_LOAD_PRESSURE) != presses || (!presses && !load->stiffness) ||
+        load->kind == SBI_LOAD_POTENTIAL || load->kind == SBI_LOAD_CABLE)
         return sbi_fail(error, SB_ERROR_INDEX, "parameter %d: there is no %s %d", k,
                         presses ? "pressure" : "spring or mapping", p->load_id);
     if (!presses && p->row != SB_AUTO && (p->row < 0 || p->row >= load->row_count))
