@@ -431,11 +431,20 @@ static double sbi_pcg_drift_square(const sbi_pcg_state *s, const sbi_pcg_part *p
     return square;
 }
 
+/* Square of what the recurrence can count of a part's residual. */
+static double sbi_pcg_least_square(const sbi_pcg_part *part)
+{
+    const double epsilon = (double)SB_EPSILON;
+    return epsilon * epsilon / 16 * part->rhs_square;
+}
+
 /* 1: the residual of a part meets `bound`. A guess alone does not, however good: the next step would guess by it, and
- * what it leaves would add up. */
+ * what it leaves would add up. Where it leaves nothing that an iteration could take, it does. */
 static int sbi_pcg_meets(const sbi_pcg_state *s, const sbi_pcg_part *part, double bound)
 {
-    return !part->guessed && part->square <= bound && (part->drift < 0 || sbi_pcg_drift_square(s, part) <= part->drift);
+    if (part->guessed && !part->faint && part->square > sbi_pcg_least_square(part))
+        return 0;
+    return part->square <= bound && (part->drift < 0 || sbi_pcg_drift_square(s, part) <= part->drift);
 }
 
 /* 1: all parts meet their targets, but for those that are stuck. */
@@ -764,9 +773,9 @@ static int sbi_pcg_is_final(sbi_pcg_state *s, sb_result result, int verify)
  * at a time. The eager halve |r| once more: few iterations, by which x moves far enough to be rounded afresh. */
 static void sbi_pcg_set_goals(sbi_pcg_state *s)
 {
-    const double digits = 1e-3, epsilon = (double)SB_EPSILON;
+    const double digits = 1e-3;
     for (sbi_pcg_part *part = s->parts; part < s->parts + s->part_count; part++) {
-        double least = epsilon * epsilon / 16 * part->rhs_square;
+        double least = sbi_pcg_least_square(part);
         double wanted = part->eager ? part->target / 4 : part->target;
         part->goal = wanted > least ? wanted : least;
         if (s->compact && part->goal < digits * digits * part->square)
