@@ -184,6 +184,14 @@ static void test_elements(void)
 
 /* ---- nothing left ------------------------------------------------------------------------------------------------ */
 
+static int count_drawn(const sb_cut_drawing *d)
+{
+    int drawn = 0;
+    for (int f = 0; f < d->triangle_count; f++)
+        drawn += is_drawn(d, f);
+    return drawn;
+}
+
 static void test_everything(void)
 {
     for (int i = 0; i < 3; i++) {
@@ -194,11 +202,11 @@ static void test_everything(void)
         uint64_t whole = sb_body_state_hash(b.body), hash;
         double volume = volume_of(&b);
         totals before;
-        sb_cut_surface *surface = NULL;
+        sb_cut_surface *surface = NULL, *late = NULL;
         sb_cut_drawing d;
         sb_cut_info info;
         sb_part parts[2];
-        int count = -1, drawn = 0;
+        int count = -1;
         CHECK_OK(sb_body_state_save(b.body, state, size));
         scene_fix_plane(b.body, &b.mesh, 0, 0, SB_XYZ);
         block_shake(&b);
@@ -216,9 +224,9 @@ static void test_everything(void)
         CHECK_INT(count, 0);
         CHECK_OK(sb_cut_surface_update(surface, NULL));
         d = sb_cut_surface_get(surface);
-        for (int f = 0; f < d.triangle_count; f++)
-            drawn += is_drawn(&d, f);
-        CHECK_INT(drawn, 0);
+        CHECK_INT(count_drawn(&d), 0);
+        CHECK_OK(sb_cut_surface_create(b.cut, NULL, &late, NULL));
+        CHECK_INT(sb_cut_surface_get(late).triangle_count, 0);
         (void)sb_body_solve_static(b.body, NULL, NULL);
         info = block_ablate(&b, sb_v3(REAL(0.03), REAL(0.02), REAL(0.025)), 1); /* there is nothing more */
         CHECK_INT(info.removed_volume > 0, 0);
@@ -230,10 +238,17 @@ static void test_everything(void)
         CHECK_OK(sb_body_state_load(b.body, state, size, NULL));
         CHECK(sb_body_state_hash(b.body) == whole);
         check_pieces(&b);
+        CHECK_OK(sb_cut_surface_update(late, NULL));
+        d = sb_cut_surface_get(late);
+        CHECK(count_drawn(&d) > 0 && volumes_error(&b, &d) < scene_tolerance(1e-12, 100));
         CHECK_OK(sb_body_state_load(b.body, empty, left, NULL));
         CHECK(sb_body_state_hash(b.body) == hash);
         check_pieces(&b);
         block_step(&b, 2);
+        CHECK_OK(sb_cut_surface_update(late, NULL));
+        d = sb_cut_surface_get(late);
+        CHECK_INT(count_drawn(&d), 0);
+        sb_cut_surface_destroy(late);
         sb_cut_surface_destroy(surface);
         free(state);
         free(empty);

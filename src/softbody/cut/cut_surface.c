@@ -1306,6 +1306,8 @@ static int sbi_draw_rebuild(sb_cut_surface *s)
     s->triangle_count = s->face_count;
     for (int i = 0; i < s->tets.count && !s->failed; i++)
         sbi_draw_listed(s, s->tets.items[i]);
+    if (s->names.count == 0) /* nothing is left, nor was drawn before: no vertex that unused triangles could name */
+        s->triangle_count = 0;
     if (s->triangle_count < s->triangles_before) {
         s->first_triangle = sbi_min_int(s->first_triangle, s->triangle_count);
         s->triangle_end = sbi_max_int(s->triangle_end, s->triangle_count);
