@@ -218,6 +218,51 @@ static void test_balance(void)
     }
 }
 
+/* ---- explicit steps ---- */
+
+/* Random strokes of a blade through tissue that is soft beside its toughness, in explicit steps: what it moves and
+ * strains comes from the blade's work alone. Returns the most energy over that work. */
+static double check_explicit(int round, unsigned long long *seed)
+{
+    block_options options = block_default(intervals_of[round % 3]);
+    blade of = blade_random(seed);
+    double dt = exp(check_random_in(seed, log(2e-4), log(0.02))), work = 0, most = 0;
+    sb_energy energy;
+    int stroke;
+    block b;
+    options.element = round % 2 ? SB_TET10 : SB_TET4;
+    if (options.element == SB_TET10)
+        options.nx = 3, options.ny = 2, options.nz = 3;
+    options.integrator = SB_CENTRAL_DIFFERENCE;
+    options.toughness = exp(check_random_in(seed, log(3.0), log(300.0))); /* of 5 kPa and 6 cm: 0.01 to 1 */
+    b = block_make(&options);
+    stroke = begin(&b, &of);
+    for (int i = 1; i <= 12; i++) {
+        sb_cut_info info = move(&b, &of, stroke, -1 + i / 6.0);
+        sb_step_info of_step;
+        if (!CHECK_OK(sb_body_step(b.body, REAL(dt), &of_step)))
+            printf("round %d, move %d: %s\n", round, i, of_step.error.message);
+        work += (double)info.work;
+        CHECK_OK(sb_body_energy(b.body, &energy));
+        most = fmax(most, work > 0 ? (double)(energy.kinetic + energy.elastic) / work : 0);
+    }
+    if (!CHECK(most <= 1))
+        printf("round %d: J_c %g J/m^2, dt %g s: %.3g times the work of the blade\n", round, options.toughness, dt,
+               most);
+    block_free(&b);
+    return most;
+}
+
+static void test_explicit(void)
+{
+    unsigned long long seed = 71;
+    double most = 0;
+    int rounds = check_quick() ? 6 : getenv("CHECK_SLOW") ? 300 : 24;
+    for (int round = 0; round < rounds; round++)
+        most = fmax(most, check_explicit(round, &seed));
+    printf("   explicit steps: at most %.3f times the blade's work in the tissue\n", most);
+}
+
 /* Tissue that runs into a blade at rest is held up by it. */
 static void test_resting(void)
 {
@@ -646,8 +691,8 @@ static void test_mistakes(void)
 CHECK_SUITE(cut_force, {"work of a straight cut", test_work}, {"push and slice", test_slice},
             {"a blade that turns", test_turning}, {"blade and tissue balance", test_balance},
             {"tissue against a blade at rest", test_resting}, {"tissue that gives way", test_giving},
-            {"no toughness, no force", test_none}, {"forces wait for a step", test_waiting},
-            {"taken back", test_taken_back}, {"states", test_states}, {"damaged states", test_bad_states},
-            {"recordings", test_recording}, {"threads", test_threads},
+            {"explicit steps make no energy", test_explicit}, {"no toughness, no force", test_none},
+            {"forces wait for a step", test_waiting}, {"taken back", test_taken_back}, {"states", test_states},
+            {"damaged states", test_bad_states}, {"recordings", test_recording}, {"threads", test_threads},
             {"every allocation fails in turn", test_no_memory}, {"no allocation", test_no_allocation},
             {"mistakes are named", test_mistakes});

@@ -239,6 +239,8 @@ SBI_API int sbi_live_reserve_pushes(sb_body *body, int more);
 SBI_API void sbi_live_push(sb_body *body, int node, sb_vec3 force, sb_real stiffness);
 /* forces [nodes] += all of them, at nodes that go on as they did; of any body. */
 SBI_API void sbi_live_add_pushes(const sb_body *body, sb_vec3 *forces);
+/* The same in an explicit step of dt (s), where light nodes feel less. Uses body->work. */
+SBI_API void sbi_live_add_light_pushes(sb_body *body, sb_real dt, sb_vec3 *forces);
 /* An implicit step of dt (s) begins: what is held of the stiffness in it; 0: nothing. Uses body->work. */
 SBI_API int sbi_live_hold_pushes(sb_body *body, sb_real dt);
 /* forces [nodes] += factor times what is held of the stiffness times vectors [nodes]. */

@@ -322,6 +322,7 @@ static sb_result sbi_step_start(sbi_step *step)
     sb_body *b = step->body;
     sb_result result = SB_OK;
     sbi_step_dead_loads(b);
+    sbi_live_add_pushes(b, b->external);
     step->pushed = sbi_live_hold_pushes(b, step->dt);
     if (sbi_body_has_beta(b) && (!step->linearised || (b->regional_damping && b->integrator != SB_EULER)))
         result = sbi_step_keep_damping(step);
@@ -547,6 +548,7 @@ static sb_result sbi_step_run_explicit(sb_body *body, sb_real dt, sb_step_info *
     for (int caution = guard.caution;; caution++) {
         sb_result result;
         sbi_step_dead_loads(body);
+        sbi_live_add_light_pushes(body, dt, body->external);
         result = sbi_explicit_run(body, dt, caution, info);
         if (result == SB_OK) {
             sbi_explicit_calm(body, caution);

@@ -13,7 +13,6 @@ SBI_API void sbi_step_dead_loads(sb_body *b)
     sbi_body_mass_multiply(b, b->work, b->external);
     for (int i = 0; i < b->domain.node_count; i++)
         b->external[i] = sb_v3_add(b->external[i], b->dead_load[i]);
-    sbi_live_add_pushes(b, b->external);
 }
 
 /* The same of a constrained body with its lumped mass: slaves hand forces and masses to their masters. */
