@@ -1,6 +1,6 @@
 #!/bin/sh
 # Runs case_convert, hello, custom_element, demo, viscoelastic, haptic_loop, liver_models, surface_to_sim, cylinder_study,
-# viewer, particles_study, the needle programs, grasp, palpation, identify, drop, igtl_server, igtl_client, cut_scalpel, cautery, cut_resect,
+# viewer, particles_study, the needle programs, grasp, palpation, identify, drop, igtl_server, igtl_client, cut_scalpel, cautery, ablation, cut_resect,
 # cut_force, cut_study, one_body, register_liver, track_liver and insilico as
 # a user would, with good and bad arguments and files:
 #
@@ -944,6 +944,28 @@ expect 2 '--deep is no option' cautery --deep 2
 expect 2 'no-such.vtk' cautery no-such.vtk
 expect_data 0 '^removed_ml=6\.[01].* parts=1' cautery volumes/liver_a_tet10_1k.vtk
 expect 2 'no-such-folder/x.csv: cannot be written' $burn --frames 1 --every 0 -o no-such-folder/x
+
+# ---- ablation ----
+expect 0 '^usage: ablation' ablation --help
+burn="ablation --cells 8 --time 120 --cool 30 --depth 0.04"
+expect 0 '^dead_ml=[0-9.]* highest_c=[0-9.]* balance=[0-9.e-]*$' $burn
+check "something died" holds "$(last dead_ml) > 0.5 && $(last dead_ml) < 50"
+check "the generator kept its limit" holds "$(last highest_c) > 60 && $(last highest_c) < 105"
+check "the balance of heat closes" holds "$(last balance) < 1e-8"
+check "ablation.png is a picture" is_png ablation.png
+check "a row every ten seconds" [ "$(wc -l <ablation.csv | tr -d ' ')" = 16 ]
+check "both fields in a file" grep -a -q '^SCALARS dead_share' ablation.vtk
+expect 0 '^dead_ml=' $burn --keep --dead -o kept
+check "blood that flows on takes more heat" holds "$(tail -n 1 kept.csv | cut -d , -f 6) > $(tail -n 1 ablation.csv | cut -d , -f 6)"
+expect 0 '^dead_ml=0.000 highest_c=37.0' $burn --power 0 -o cold
+expect 2 'comes out of the organ below' ablation --cells 8 --depth 0.9
+expect 2 'meets no organ there' ablation --cells 8 --x 0 --y 0
+expect 2 '--power needs a number from' ablation --power -1
+expect 2 '--hot is no option' ablation --hot 2
+expect 2 'no-such.vtk' ablation no-such.vtk
+expect_data 2 'is a surface' ablation surfaces/liver_a.obj
+long expect_data 0 '^dead_ml=[0-9.]* ' ablation volumes/liver_a_tet10_1k.vtk --time 60 --cool 0
+expect 2 'no-such-folder/x.csv: cannot be written' $burn -o no-such-folder/x
 
 # ---- cut_resect ----
 expect 0 '^usage: cut_resect' cut_resect --help

@@ -29,6 +29,10 @@ typedef struct world {
     sb_cut_surface *cut_surface;
     sb_cut_fine *cut_fine;
     sb_cut_def cut_def;
+    sb_body *warm; /* with heat: a source and a wall that cools */
+    sb_heat *heat;
+    sb_heat_def heat_def;
+    int heat_source, heat_wall;
     sb_haptic *haptic; /* a hand at the sphere */
     sb_haptic_def haptic_def;
     sb_tool_def tool_def;
@@ -142,6 +146,10 @@ static const double world_transform[16] = {1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 1
 static const unsigned char world_mask[WORLD_NODES] = {SB_XYZ, SB_X};
 static const int world_two[1] = {2}, world_slave[1] = {26}, world_starts[2] = {0, 4}, world_pivots[3] = {0, 1, 2};
 static const sb_real world_shares[1] = {REAL(0.3)};
+static const sb_real world_warm[WORLD_NODES] = {300, 301, 302, 303, 304, 305, 306, 307, 308, 309, 310, 311, 312, 313,
+                                                314, 315, 316, 317, 318, 319, 320, 321, 322, 323, 324, 325, 326};
+static const sb_real world_even[8] = {REAL(0.125), REAL(0.125), REAL(0.125), REAL(0.125),
+                                      REAL(0.125), REAL(0.125), REAL(0.125), REAL(0.125)};
 static const sb_real world_spd[9] = {4, 1, 0, 1, 4, 1, 0, 1, 4};
 static const ndl_rod_section world_section = {REAL(0.0005), 0, REAL(2e11), REAL(0.3), 8000};
 static sb_material world_prony, world_rubber;
@@ -480,6 +488,24 @@ static sb_contact_def *world_contact_def(world *w)
     w->contact_def.body = world_idle(w);
     w->contact_def.allocator = &w->allocator;
     return &w->contact_def;
+}
+
+static sb_heat_def *world_heat_def(world *w)
+{
+    w->heat_def = sb_default_heat_def();
+    w->heat_def.stiffening = 1;
+    return &w->heat_def;
+}
+
+static sb_heat *world_heat(world *w)
+{
+    if (w->heat)
+        return w->heat;
+    CHECK_OK(sb_body_create(world_body_def(w), &w->warm, NULL));
+    CHECK_OK(sb_heat_create(w->warm, world_heat_def(w), &w->heat, NULL));
+    CHECK_OK(sb_heat_add_source(w->heat, w->mesh.nodes[0], w->mesh.nodes[26], REAL(0.01), 1, &w->heat_source, NULL));
+    CHECK_OK(sb_heat_add_convection(w->heat, world_face(w), 1, 3, 10, 290, &w->heat_wall, NULL));
+    return w->heat;
 }
 
 static sb_cut_def *world_cut_def(world *w)
@@ -1386,6 +1412,11 @@ static unsigned long long world_go_on(world *w)
         reg_nicp_step(w->nicp, NULL);
     if (w->plain)
         hash = world_step_body(w->plain, hash);
+    if (w->heat) {
+        sb_result result = sb_heat_step(w->heat, REAL(0.5), NULL, NULL);
+        uint64_t state = sb_body_state_hash(w->warm);
+        hash = world_mix(world_mix(hash, &result, sizeof result), &state, sizeof state);
+    }
     if (w->pierced)
         hash = world_step_needles(w, hash);
     if (w->rod) {
@@ -1454,6 +1485,8 @@ static void world_free(world *w)
     sb_recording_destroy(w->recording);
     sb_haptic_destroy(w->haptic);
     sb_contact_destroy(w->contact);
+    sb_heat_destroy(w->heat);
+    sb_body_destroy(w->warm);
     sb_cut_surface_destroy(w->cut_surface);
     sb_cut_fine_destroy(w->cut_fine);
     sb_cut_destroy(w->cut);

@@ -1532,6 +1532,65 @@ public unsafe struct sb_identify_info
     public int weakest_parameter;
     public fixed byte hidden[160];
 }
+public struct sb_heat { }
+[StructLayout(LayoutKind.Sequential)]
+public unsafe struct sb_heat_tissue
+{
+    public double conductivity;
+    public double capacity;
+    public double perfusion;
+    public double metabolic;
+    public double latent_heat;
+}
+[StructLayout(LayoutKind.Sequential)]
+public unsafe struct sb_heat_region
+{
+    public int region;
+    public sb_heat_tissue tissue;
+}
+[StructLayout(LayoutKind.Sequential)]
+public unsafe struct sb_heat_def
+{
+    public sb_heat_tissue tissue;
+    public sb_heat_region* regions;
+    public int region_count;
+    public double* perfusion;
+    public double* metabolic;
+    public double start;
+    public double blood;
+    public double latent_low;
+    public double latent_high;
+    public double log_frequency;
+    public double activation;
+    public double harmless;
+    public int keeps_perfusion;
+    public double stiffening;
+    public double tolerance;
+    public int max_iterations;
+    public uint cookie;
+}
+[StructLayout(LayoutKind.Sequential)]
+public unsafe struct sb_heat_flows
+{
+    public double source;
+    public double metabolic;
+    public double perfused;
+    public double convected;
+    public double held;
+    public double stored;
+    public double error;
+}
+[StructLayout(LayoutKind.Sequential)]
+public unsafe struct sb_heat_info
+{
+    public int iterations;
+    public int systems;
+    public double residual;
+    public sb_heat_flows flows;
+    public double highest;
+    public int highest_node;
+    public double dead_volume;
+}
 [StructLayout(LayoutKind.Sequential)]
 public unsafe struct sb_pose
 {
@@ -4918,6 +4977,135 @@ public static unsafe class Native
     /// </summary>
     [DllImport(Library, CallingConvention = CallingConvention.Cdecl)]
     public static extern sb_result sb_identify(sb_identify_def* def, double* values, double* deviations, double* own_shares, sb_identify_info* info, sb_error* error);
+    [DllImport(Library, CallingConvention = CallingConvention.Cdecl)]
+    public static extern sb_heat_tissue sb_default_heat_tissue();
+    [DllImport(Library, CallingConvention = CallingConvention.Cdecl)]
+    public static extern sb_heat_def sb_default_heat_def();
+    /// <summary>
+    /// Heat of a body, one for each at most. Takes all memory for steps from the body's allocator. It becomes part of the
+    /// body's saved states, recordings and hashes: create it in the body that loads them, too. Destroy it before the body.
+    /// The def's arrays are copied. Errors, with *heat untouched: SB_ERROR_ARGUMENT (the field, element or region is named;
+    /// the body has one already), SB_ERROR_NOT_FINITE, SB_ERROR_INDEX (a region that the mesh does not have),
+    /// SB_ERROR_UNSUPPORTED (def.slack, or clouds), SB_ERROR_MEMORY.
+    /// </summary>
+    [DllImport(Library, CallingConvention = CallingConvention.Cdecl)]
+    public static extern sb_result sb_heat_create(sb_body* body, sb_heat_def* def, sb_heat** heat, sb_error* error);
+    /// <summary>
+    /// The body is as stiff as its materials again. NULL is fine.
+    /// </summary>
+    [DllImport(Library, CallingConvention = CallingConvention.Cdecl)]
+    public static extern void sb_heat_destroy(sb_heat* heat);
+    /// <summary>
+    /// The nodes have these temperatures (K, &gt; 0) from the next step on; one for all when uniform is 1.
+    /// </summary>
+    [DllImport(Library, CallingConvention = CallingConvention.Cdecl)]
+    public static extern sb_result sb_heat_hold(sb_heat* heat, int* nodes, int count, double* temperatures, int uniform, sb_error* error);
+    [DllImport(Library, CallingConvention = CallingConvention.Cdecl)]
+    public static extern sb_result sb_heat_release(sb_heat* heat, int* nodes, int count, sb_error* error);
+    /// <summary>
+    /// An applicator's power (W, below 0: it cools) around the line from one place of the rest shape to another (m; or the
+    /// same: a ball): nodes get it by their volume times exp(-d^2 / (2 radius^2)), d their distance. All of it arrives,
+    /// however coarse the mesh; radius 0: at the nearest nodes.
+    /// </summary>
+    [DllImport(Library, CallingConvention = CallingConvention.Cdecl)]
+    public static extern sb_result sb_heat_add_source(sb_heat* heat, sb_vec3 from, sb_vec3 to, double radius, double power, int* id, sb_error* error);
+    /// <summary>
+    /// Power (W) at nodes by these shares[count], which sum to 1; NULL: evenly.
+    /// </summary>
+    [DllImport(Library, CallingConvention = CallingConvention.Cdecl)]
+    public static extern sb_result sb_heat_add_node_source(sb_heat* heat, int* nodes, int count, double* shares, double power, int* id, sb_error* error);
+    /// <summary>
+    /// Power per volume (W/m^3) in elements; NULL and 0: in all.
+    /// </summary>
+    [DllImport(Library, CallingConvention = CallingConvention.Cdecl)]
+    public static extern sb_result sb_heat_add_element_source(sb_heat* heat, int* elements, int count, double density, int* id, sb_error* error);
+    /// <summary>
+    /// Power per area (W/m^2) into faces.
+    /// </summary>
+    [DllImport(Library, CallingConvention = CallingConvention.Cdecl)]
+    public static extern sb_result sb_heat_add_flux(sb_heat* heat, int* faces, int face_count, int corners, double flux, int* id, sb_error* error);
+    /// <summary>
+    /// Faces that give coefficient (W/(m^2 K), &gt;= 0) times their temperature above the surroundings' (K, &gt; 0).
+    /// </summary>
+    [DllImport(Library, CallingConvention = CallingConvention.Cdecl)]
+    public static extern sb_result sb_heat_add_convection(sb_heat* heat, int* faces, int face_count, int corners, double coefficient, double surroundings, int* id, sb_error* error);
+    /// <summary>
+    /// Another power (W), density (W/m^3) or flux (W/m^2) of what was added as such; without allocation. SB_ERROR_INDEX: no
+    /// source has this id.
+    /// </summary>
+    [DllImport(Library, CallingConvention = CallingConvention.Cdecl)]
+    public static extern sb_result sb_heat_set_source(sb_heat* heat, int id, double value);
+    [DllImport(Library, CallingConvention = CallingConvention.Cdecl)]
+    public static extern sb_result sb_heat_set_convection(sb_heat* heat, int id, double coefficient, double surroundings);
+    /// <summary>
+    /// Takes a source or convection away.
+    /// </summary>
+    [DllImport(Library, CallingConvention = CallingConvention.Cdecl)]
+    public static extern sb_result sb_heat_remove(sb_heat* heat, int id);
+    /// <summary>
+    /// What it gives the body at present (W).
+    /// </summary>
+    [DllImport(Library, CallingConvention = CallingConvention.Cdecl)]
+    public static extern sb_result sb_heat_power(sb_heat* heat, int id, double* power);
+    [DllImport(Library, CallingConvention = CallingConvention.Cdecl)]
+    public static extern sb_result sb_heat_set_blood(sb_heat* heat, double temperature);
+    /// <summary>
+    /// temperatures[node_count] (K, &gt; 0), but for nodes that are held; SB_ERROR_NOT_FINITE and SB_ERROR_ARGUMENT name the
+    /// node. Damage stays.
+    /// </summary>
+    [DllImport(Library, CallingConvention = CallingConvention.Cdecl)]
+    public static extern sb_result sb_heat_set_temperatures(sb_heat* heat, double* temperatures, sb_error* error);
+    /// <summary>
+    /// def.start everywhere, no damage, nothing in the balance; sources and held nodes stay.
+    /// </summary>
+    [DllImport(Library, CallingConvention = CallingConvention.Cdecl)]
+    public static extern void sb_heat_reset(sb_heat* heat);
+    /// <summary>
+    /// Advances by dt (s, &gt; 0) with implicit Euler: temperatures, then damage, then the elements' stiffness. Keep dt where
+    /// sources or damage change little within it, 1 s and less. Damage is integrated along the line between both
+    /// temperatures, by trapezoids of 1 K and less. Allocates nothing. info and error may be NULL. A step that fails is
+    /// undone: SB_ERROR_ARGUMENT, SB_ERROR_NOT_CONVERGED, SB_ERROR_INDEFINITE, SB_ERROR_DIVERGED (not finite, or below 0 K,
+    /// naming the node).
+    /// </summary>
+    [DllImport(Library, CallingConvention = CallingConvention.Cdecl)]
+    public static extern sb_result sb_heat_step(sb_heat* heat, double dt, sb_heat_info* info, sb_error* error);
+    /// <summary>
+    /// Temperatures that no longer change under the present sources, with blood where tissue is alive by now. Damage,
+    /// stiffness and balance stay as they are. Also SB_ERROR_UNCONSTRAINED, naming a node of a part that nothing holds,
+    /// cools or perfuses.
+    /// </summary>
+    [DllImport(Library, CallingConvention = CallingConvention.Cdecl)]
+    public static extern sb_result sb_heat_solve_steady(sb_heat* heat, sb_heat_info* info, sb_error* error);
+    /// <summary>
+    /// ---- readings: no allocation ----
+    /// </summary>
+    [DllImport(Library, CallingConvention = CallingConvention.Cdecl)]
+    public static extern double* sb_heat_temperatures(sb_heat* heat);
+    /// <summary>
+    /// [node_count] (K), valid until destroyed
+    /// </summary>
+    [DllImport(Library, CallingConvention = CallingConvention.Cdecl)]
+    public static extern double* sb_heat_damage(sb_heat* heat);
+    /// <summary>
+    /// shares[node_count]: 1 - exp(-Om), 0 alive to 1 dead.
+    /// </summary>
+    [DllImport(Library, CallingConvention = CallingConvention.Cdecl)]
+    public static extern void sb_heat_dead_shares(sb_heat* heat, double* shares);
+    /// <summary>
+    /// Volume of tissue at rest (m^3) times the share of it that is dead, summed.
+    /// </summary>
+    [DllImport(Library, CallingConvention = CallingConvention.Cdecl)]
+    public static extern double sb_heat_dead_volume(sb_heat* heat);
+    /// <summary>
+    /// factors[sb_body_element_count] of the elements' stiffness, see def.stiffening.
+    /// </summary>
+    [DllImport(Library, CallingConvention = CallingConvention.Cdecl)]
+    public static extern void sb_heat_stiffness(sb_heat* heat, double* factors);
+    /// <summary>
+    /// Sums of all steps since creation or the last reset (J).
+    /// </summary>
+    [DllImport(Library, CallingConvention = CallingConvention.Cdecl)]
+    public static extern sb_heat_flows sb_heat_balance(sb_heat* heat);
     [DllImport(Library, CallingConvention = CallingConvention.Cdecl)]
     public static extern sb_tool_def sb_default_tool_def();
     [DllImport(Library, CallingConvention = CallingConvention.Cdecl)]

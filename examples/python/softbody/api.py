@@ -438,6 +438,12 @@ class sb_parameter(Structure): pass
 class sb_measurement(Structure): pass
 class sb_identify_def(Structure): pass
 class sb_identify_info(Structure): pass
+class sb_heat(Structure): pass
+class sb_heat_tissue(Structure): pass
+class sb_heat_region(Structure): pass
+class sb_heat_def(Structure): pass
+class sb_heat_flows(Structure): pass
+class sb_heat_info(Structure): pass
 class sb_pose(Structure): pass
 class sb_tool_def(Structure): pass
 class sb_contact(Structure): pass
@@ -1406,6 +1412,54 @@ sb_identify_info._fields_ = [
     ("weakest", c_double),
     ("weakest_parameter", c_int),
     ("hidden", c_char * 160),
+]
+sb_heat_tissue._fields_ = [
+    ("conductivity", c_double),
+    ("capacity", c_double),
+    ("perfusion", c_double),
+    ("metabolic", c_double),
+    ("latent_heat", c_double),
+]
+sb_heat_region._fields_ = [
+    ("region", c_int),
+    ("tissue", sb_heat_tissue),
+]
+sb_heat_def._fields_ = [
+    ("tissue", sb_heat_tissue),
+    ("regions", POINTER(sb_heat_region)),
+    ("region_count", c_int),
+    ("perfusion", POINTER(c_double)),
+    ("metabolic", POINTER(c_double)),
+    ("start", c_double),
+    ("blood", c_double),
+    ("latent_low", c_double),
+    ("latent_high", c_double),
+    ("log_frequency", c_double),
+    ("activation", c_double),
+    ("harmless", c_double),
+    ("keeps_perfusion", c_int),
+    ("stiffening", c_double),
+    ("tolerance", c_double),
+    ("max_iterations", c_int),
+    ("cookie", c_uint),
+]
+sb_heat_flows._fields_ = [
+    ("source", c_double),
+    ("metabolic", c_double),
+    ("perfused", c_double),
+    ("convected", c_double),
+    ("held", c_double),
+    ("stored", c_double),
+    ("error", c_double),
+]
+sb_heat_info._fields_ = [
+    ("iterations", c_int),
+    ("systems", c_int),
+    ("residual", c_double),
+    ("flows", sb_heat_flows),
+    ("highest", c_double),
+    ("highest_node", c_int),
+    ("dead_volume", c_double),
 ]
 sb_pose._fields_ = [
     ("position", sb_vec3),
@@ -2624,6 +2678,32 @@ FUNCTIONS = {  # name: (what it returns, parameters)
     "sb_body_gradient": (c_int, (POINTER(sb_body), POINTER(sb_vec3), POINTER(sb_vec3), POINTER(sb_parameter), c_int, POINTER(c_double), POINTER(sb_vec3), POINTER(sb_error), )),
     "sb_default_identify_def": (sb_identify_def, ()),
     "sb_identify": (c_int, (POINTER(sb_identify_def), POINTER(c_double), POINTER(c_double), POINTER(c_double), POINTER(sb_identify_info), POINTER(sb_error), )),
+    "sb_default_heat_tissue": (sb_heat_tissue, ()),
+    "sb_default_heat_def": (sb_heat_def, ()),
+    "sb_heat_create": (c_int, (POINTER(sb_body), POINTER(sb_heat_def), POINTER(POINTER(sb_heat)), POINTER(sb_error), )),
+    "sb_heat_destroy": (None, (POINTER(sb_heat), )),
+    "sb_heat_hold": (c_int, (POINTER(sb_heat), POINTER(c_int), c_int, POINTER(c_double), c_int, POINTER(sb_error), )),
+    "sb_heat_release": (c_int, (POINTER(sb_heat), POINTER(c_int), c_int, POINTER(sb_error), )),
+    "sb_heat_add_source": (c_int, (POINTER(sb_heat), sb_vec3, sb_vec3, c_double, c_double, POINTER(c_int), POINTER(sb_error), )),
+    "sb_heat_add_node_source": (c_int, (POINTER(sb_heat), POINTER(c_int), c_int, POINTER(c_double), c_double, POINTER(c_int), POINTER(sb_error), )),
+    "sb_heat_add_element_source": (c_int, (POINTER(sb_heat), POINTER(c_int), c_int, c_double, POINTER(c_int), POINTER(sb_error), )),
+    "sb_heat_add_flux": (c_int, (POINTER(sb_heat), POINTER(c_int), c_int, c_int, c_double, POINTER(c_int), POINTER(sb_error), )),
+    "sb_heat_add_convection": (c_int, (POINTER(sb_heat), POINTER(c_int), c_int, c_int, c_double, c_double, POINTER(c_int), POINTER(sb_error), )),
+    "sb_heat_set_source": (c_int, (POINTER(sb_heat), c_int, c_double, )),
+    "sb_heat_set_convection": (c_int, (POINTER(sb_heat), c_int, c_double, c_double, )),
+    "sb_heat_remove": (c_int, (POINTER(sb_heat), c_int, )),
+    "sb_heat_power": (c_int, (POINTER(sb_heat), c_int, POINTER(c_double), )),
+    "sb_heat_set_blood": (c_int, (POINTER(sb_heat), c_double, )),
+    "sb_heat_set_temperatures": (c_int, (POINTER(sb_heat), POINTER(c_double), POINTER(sb_error), )),
+    "sb_heat_reset": (None, (POINTER(sb_heat), )),
+    "sb_heat_step": (c_int, (POINTER(sb_heat), c_double, POINTER(sb_heat_info), POINTER(sb_error), )),
+    "sb_heat_solve_steady": (c_int, (POINTER(sb_heat), POINTER(sb_heat_info), POINTER(sb_error), )),
+    "sb_heat_temperatures": (POINTER(c_double), (POINTER(sb_heat), )),
+    "sb_heat_damage": (POINTER(c_double), (POINTER(sb_heat), )),
+    "sb_heat_dead_shares": (None, (POINTER(sb_heat), POINTER(c_double), )),
+    "sb_heat_dead_volume": (c_double, (POINTER(sb_heat), )),
+    "sb_heat_stiffness": (None, (POINTER(sb_heat), POINTER(c_double), )),
+    "sb_heat_balance": (sb_heat_flows, (POINTER(sb_heat), )),
     "sb_default_tool_def": (sb_tool_def, ()),
     "sb_default_contact_def": (sb_contact_def, ()),
     "sb_contact_create": (c_int, (POINTER(sb_contact_def), POINTER(POINTER(sb_contact)), POINTER(sb_error), )),
@@ -3141,6 +3221,27 @@ DOCUMENTATION = {
     'sb_body_sensitivities': 'Derivatives of displacements and of reactions, one solve for each parameter.\n  parameters  [parameter_count]\n  du          [parameter_count][node_count]: du/dp (m per unit of the parameter)\n  dreaction   [parameter_count][node_count]: of sb_body_reactions, the force (N) of the supports on the body; or NULL\nMore errors: SB_ERROR_ARGUMENT naming the parameter: no such kind, axis or constant in its material, a node that is\nnot supported along the axis; SB_ERROR_INDEX: no such region, load or row.\nMethod: K du/dp = -dr/dp, r = f_int - f_ext; reactions dr_s/dp + K_sf du_f/dp. dr/dp is exact: stresses are linear in\nconstants, loads in theirs.',
     'sb_body_gradient': "Gradient of a loss J(u, reactions) with respect to any number of parameters by one solve (adjoint).\n  dj_du         [node_count] dJ/du (J's unit per m); or NULL: 0\n  dj_dreaction  [node_count] dJ/d(reaction) (per N), of no effect on axes that are free; or NULL: 0\n  parameters    [parameter_count], NULL where parameter_count is 0\n  gradient      [parameter_count] dJ/dp: what goes through the equilibrium. What J has of p by itself is to be added\n  dj_dforce     [node_count] dJ/d(dead force on each node) (per N), or NULL\nErrors as sb_body_sensitivities.\nMethod: K^T l = dJ/du + K^T w with w = dJ/dR on supports, m = l - w, dJ/dp = -m . dr/dp; of supports\ndJ/du - K^T m.",
     'sb_identify': "Finds values[count + free_count], which come in as the start.\n  deviations   [count + free_count] standard deviations in the values' units, or NULL\n  own_shares   [count + free_count] or NULL: of what a value changes in the readings, the share (of its square, in\n               units of sigma) that no other values could change instead: 1 alone, 0 hidden by the others\n  info, error  may be NULL\nDerivatives are those of sb_body_sensitivities; one static solve for each state and trial, from the last accepted\nshape. The body ends with the values, at the equilibrium of the last state. On failure values and outputs are\nuntouched and the body has its materials, shape and what `parameters` name again, but other loads and supports as\n`apply` has left them:\nSB_ERROR_ARGUMENT (the def; a start out of range; YOUNG or POISSON together with CONSTANT of one region),\nSB_ERROR_UNSUPPORTED (a kind that is not among those above; what sb_body_sensitivities does not derive),\nSB_ERROR_INDEX, SB_ERROR_NOT_FINITE, SB_ERROR_INDEFINITE (fewer readings than values, or a direction that no reading\nsees: the message names it), SB_ERROR_NOT_CONVERGED (max_iterations; or no step lowers chi2 any more, far from a\nminimum), SB_ERROR_MEMORY; what a static solve at the start, or `apply`, fails with.\nMethod: Levenberg-Marquardt in log (nu: nu = 1/2 logistic(q); gravity, forces, pressures as they are), steps of at\nmost 1 there; a trial whose solve fails counts as one that does not help. A value at a bound that would leave stays\nthere, and the others take the step that is best with it there. Ends when chi2 falls by less than 1e-6 of itself or\nvalues move by less than 1e-8.",
+    'sb_heat_create': "Heat of a body, one for each at most. Takes all memory for steps from the body's allocator. It becomes part of the\nbody's saved states, recordings and hashes: create it in the body that loads them, too. Destroy it before the body.\nThe def's arrays are copied. Errors, with *heat untouched: SB_ERROR_ARGUMENT (the field, element or region is named;\nthe body has one already), SB_ERROR_NOT_FINITE, SB_ERROR_INDEX (a region that the mesh does not have),\nSB_ERROR_UNSUPPORTED (def.slack, or clouds), SB_ERROR_MEMORY.",
+    'sb_heat_destroy': 'The body is as stiff as its materials again. NULL is fine.',
+    'sb_heat_hold': 'The nodes have these temperatures (K, > 0) from the next step on; one for all when uniform is 1.',
+    'sb_heat_add_source': "An applicator's power (W, below 0: it cools) around the line from one place of the rest shape to another (m; or the\nsame: a ball): nodes get it by their volume times exp(-d^2 / (2 radius^2)), d their distance. All of it arrives,\nhowever coarse the mesh; radius 0: at the nearest nodes.",
+    'sb_heat_add_node_source': 'Power (W) at nodes by these shares[count], which sum to 1; NULL: evenly.',
+    'sb_heat_add_element_source': 'Power per volume (W/m^3) in elements; NULL and 0: in all.',
+    'sb_heat_add_flux': 'Power per area (W/m^2) into faces.',
+    'sb_heat_add_convection': "Faces that give coefficient (W/(m^2 K), >= 0) times their temperature above the surroundings' (K, > 0).",
+    'sb_heat_set_source': 'Another power (W), density (W/m^3) or flux (W/m^2) of what was added as such; without allocation. SB_ERROR_INDEX: no\nsource has this id.',
+    'sb_heat_remove': 'Takes a source or convection away.',
+    'sb_heat_power': 'What it gives the body at present (W).',
+    'sb_heat_set_temperatures': 'temperatures[node_count] (K, > 0), but for nodes that are held; SB_ERROR_NOT_FINITE and SB_ERROR_ARGUMENT name the\nnode. Damage stays.',
+    'sb_heat_reset': 'def.start everywhere, no damage, nothing in the balance; sources and held nodes stay.',
+    'sb_heat_step': "Advances by dt (s, > 0) with implicit Euler: temperatures, then damage, then the elements' stiffness. Keep dt where\nsources or damage change little within it, 1 s and less. Damage is integrated along the line between both\ntemperatures, by trapezoids of 1 K and less. Allocates nothing. info and error may be NULL. A step that fails is\nundone: SB_ERROR_ARGUMENT, SB_ERROR_NOT_CONVERGED, SB_ERROR_INDEFINITE, SB_ERROR_DIVERGED (not finite, or below 0 K,\nnaming the node).",
+    'sb_heat_solve_steady': 'Temperatures that no longer change under the present sources, with blood where tissue is alive by now. Damage,\nstiffness and balance stay as they are. Also SB_ERROR_UNCONSTRAINED, naming a node of a part that nothing holds,\ncools or perfuses.',
+    'sb_heat_temperatures': '---- readings: no allocation ----',
+    'sb_heat_damage': '[node_count] (K), valid until destroyed',
+    'sb_heat_dead_shares': 'shares[node_count]: 1 - exp(-Om), 0 alive to 1 dead.',
+    'sb_heat_dead_volume': 'Volume of tissue at rest (m^3) times the share of it that is dead, summed.',
+    'sb_heat_stiffness': "factors[sb_body_element_count] of the elements' stiffness, see def.stiffening.",
+    'sb_heat_balance': 'Sums of all steps since creation or the last reset (J).',
     'sb_contact_create': "SB_ERROR_ARGUMENT names the field; SB_ERROR_STATE: the body has a contact already; SB_ERROR_UNSUPPORTED: its steps\nare explicit and def.pairs is not 0, or it is of custom elements and def.skin is given; SB_ERROR_STATE also for a\nskin that is none of this body's mesh, or does not follow its changes; SB_ERROR_MESH: it has no surface, or def.pairs\nis not 0 and def.skin (one of sb_skin_create) is open, turned against itself or inside out: error->element is the\ntriangle; SB_ERROR_MEMORY. *contact is then untouched. Nothing allocates afterwards but sb_contact_add_tool.",
     'sb_contact_add_tool': 'Makes a tool; *tool is its number, the lowest that is free. What sbi_tool_create refuses; SB_ERROR_ARGUMENT: it\noverlaps the body by more than half its inner radius (error->element: the cell of the deepest face), or lies inside\nthe body, however small it is and whether or not it touches a face (error->element: the cell of a face near it; of a\nskin that is open: where lines along all axes of space leave it), or max_tools are there, or the pose takes it too\nfar, see below; SB_ERROR_UNSUPPORTED: so thin that the faces would need too many samples (needle.h is for such).',
     'sb_contact_remove_tool': 'In all calls below SB_ERROR_ARGUMENT: no contact, or a point of the tool would be farther than 1e9 m from the origin,\nor so far that rounding moves it by a hundredth of its radius (of 1 cm in floats: 840 m); SB_ERROR_INDEX: no such\ntool; SB_ERROR_NOT_FINITE: a number that is none. Nothing changes then.',

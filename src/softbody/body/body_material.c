@@ -333,6 +333,22 @@ SBI_API void sbi_body_materials_changed(sb_body *body)
     body->acceleration_known = 0;
 }
 
+SBI_API void sbi_body_read_cell_stiffness(sb_body *body)
+{
+    sbi_assembly_set_materials(&body->assembly, body->materials, body->material_count, body->cell_material);
+    body->force_unit = body->assembly.energy_unit / sbi_body_size(body);
+}
+
+SBI_API void sbi_body_cells_stiffened(sb_body *body)
+{
+    sbi_body_read_cell_stiffness(body);
+    sbi_kept_forget(body);
+    body->force_current = 0;
+    body->acceleration_known = 0;
+    body->guard.stable_step = 0;
+    body->guard.monitor_open = 0; /* what strained tissue gains by being stiffer comes from outside */
+}
+
 SB_API sb_result sb_body_set_material(sb_body *body, const sb_material *material, sb_error *error)
 {
     sb_result result;

@@ -464,6 +464,10 @@ SBI_API int sbi_body_find_region(const int *regions, int count, int region, int 
 SBI_API sb_result sbi_body_reserve_support_blocks(sb_body *body, int needed);
 /* and what follows from the materials. */
 SBI_API void sbi_body_materials_changed(sb_body *body);
+/* assembly.cell_stiffness, which somebody else owns, has other values; the first: because the state that the body has
+ * by now was saved with these. */
+SBI_API void sbi_body_read_cell_stiffness(sb_body *body);
+SBI_API void sbi_body_cells_stiffened(sb_body *body);
 
 /* The largest Poisson's ratio of its materials. */
 SBI_API sb_real sbi_body_poisson(const sb_body *body);

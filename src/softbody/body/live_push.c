@@ -8,8 +8,8 @@
  *
  * at each node of mass m, summed over its forces: heavy tissue, which does not get far in a step, feels F, and light
  * tissue in a long step goes with the blade in place of ahead of it. What the step dissipates by it, f (d - w), is not
- * negative. An explicit step of dt, whatever its substeps, has f = F / (1 + k dt^2 / m), what that comes to where nothing
- * else acts: light tissue gets as fast as the blade, and no faster. */
+ * negative. An explicit step of dt, whatever its substeps, has f = F / (1 + k dt^2 / m), what that comes to where
+ * nothing else acts: light tissue gets as fast as the blade, and no faster. */
 #include "live_private.h"
 
 #include <string.h>

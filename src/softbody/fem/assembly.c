@@ -248,6 +248,7 @@ static int sbi_cell_add_extra_energy(const sbi_assembly *assembly, int e, const 
     const sb_material *material = sbi_cell_shares(assembly, e);
     int q = assembly->domain->points_per_cell;
     const sb_real *weights = assembly->domain->weights + (size_t)e * (size_t)q;
+    const sb_real factor = sbi_assembly_stiffness(assembly, e);
     for (int p = 0; p < sbi_cell_fibre_points(assembly, material); p++) {
         sb_real density = 0;
         if (weights[p] == 0)
@@ -255,10 +256,10 @@ static int sbi_cell_add_extra_energy(const sbi_assembly *assembly, int e, const 
         for (int k = 0; k < sbi_cell_families(assembly); k++)
             if (!sbi_fibre_energy(material, &f[p], sbi_cell_fibre(assembly, e, k), &density))
                 return 0;
-        *sum += weights[p] * density;
+        *sum += weights[p] * factor * density;
     }
     for (int p = 0; material->prony_count > 0 && p < q; p++)
-        *sum += weights[p] * sb_m3_ddot(sbi_point_prestress(assembly, e, p), sbi_green_strain(&f[p]));
+        *sum += weights[p] * factor * sb_m3_ddot(sbi_point_prestress(assembly, e, p), sbi_green_strain(&f[p]));
     return 1;
 }
 
@@ -326,6 +327,8 @@ SBI_FORCE_INLINE int sbi_cell_stresses(const sbi_assembly *assembly, int e, cons
     }
     if (sbi_cell_has_extras(shares))
         admissible &= sbi_cell_add_extra_stresses(assembly, e, f, stress, flags);
+    for (int p = 0; assembly->cell_stiffness && p < q; p++)
+        stress[p] = sb_m3_scale(assembly->cell_stiffness[e], stress[p]);
     return admissible;
 }
 
@@ -346,7 +349,7 @@ static void sbi_cell_add_turning_stress(const sbi_assembly *assembly, int e, con
         return;
     moment = sb_v3(sum.m[1][2] - sum.m[2][1], sum.m[2][0] - sum.m[0][2], sum.m[0][1] - sum.m[1][0]);
     s = sbi_assembly_turning_stress(sb_quat_to_mat3(rotation), sbi_assembly_mean_gradient(f, weights, q), moment,
-                                    volume * sbi_cell_shares(assembly, e)->mu);
+                                    volume * sbi_assembly_stiffness(assembly, e) * sbi_cell_shares(assembly, e)->mu);
     for (int p = 0; p < q; p++)
         stress[p] = sb_m3_add(stress[p], sb_m3_scale(1 / volume, s));
 }
@@ -396,6 +399,7 @@ SBI_FORCE_INLINE int sbi_cell_energy(const sbi_assembly *assembly, int e, const 
 {
     const sb_material *shares = sbi_cell_shares(assembly, e);
     const sb_real *weights = assembly->domain->weights + (size_t)e * (size_t)q;
+    const sb_real factor = sbi_assembly_stiffness(assembly, e);
     sb_quat rotation[SBI_CELL_POINTS];
     int shared;
     for (int p = 0; p < q; p++)
@@ -410,7 +414,7 @@ SBI_FORCE_INLINE int sbi_cell_energy(const sbi_assembly *assembly, int e, const 
             sbi_cell_rotated_stress(material, f[p], sb_quat_to_mat3(rotation[p]), &density);
         else if (!sb_material_energy(material, &f[p], &rotation[p], &density))
             return 0;
-        *sum += weights[p] * density;
+        *sum += weights[p] * factor * density;
     }
     return !sbi_cell_has_extras(shares) || sbi_cell_add_extra_energy(assembly, e, f, sum);
 }
@@ -542,7 +546,8 @@ SBI_FORCE_INLINE int sbi_cell_tangent(const sbi_assembly_job *job, int e, const 
     const int extras = sbi_cell_has_extras(shares);
     const sb_quat *rotation = assembly->rotations + (size_t)e * (size_t)q;
     const int mixed = assembly->came_from && !rotated && job->kind == SB_TANGENT_EXACT;
-    const sb_real factor = job->factors ? job->factors[assembly->cell_material[e]] : job->factor;
+    const sb_real factor =
+        (job->factors ? job->factors[assembly->cell_material[e]] : job->factor) * sbi_assembly_stiffness(assembly, e);
     sb_mat3 f[SBI_CELL_POINTS], before[SBI_CELL_POINTS];
     if (!rotated)
         sbi_cell_deformations(domain, e, job->u, n, q, f);
@@ -708,8 +713,8 @@ SBI_API void sbi_assembly_set_materials(sbi_assembly *assembly, const sb_materia
     for (int e = 0; e < domain->cell_count; e++)
         for (int p = 0; p < q - domain->mean_points; p++) {
             const sb_material *material = materials + cell_material[e];
-            assembly->energy_unit +=
-                domain->weights[(size_t)e * (size_t)q + (size_t)p] * (material->lambda + 2 * material->mu);
+            assembly->energy_unit += domain->weights[(size_t)e * (size_t)q + (size_t)p] *
+                                     sbi_assembly_stiffness(assembly, e) * (material->lambda + 2 * material->mu);
         }
     if (assembly->live)
         sbi_assembly_weigh_all(assembly);

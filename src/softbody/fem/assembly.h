@@ -47,13 +47,15 @@ typedef struct sbi_assembly {
     const sb_domain *domain;
     const sb_material *materials; /* [material_count] */
     int material_count;
-    const int *cell_material;     /* [cell_count] index into materials */
-    sb_material *shares;          /* [material_count][2] what a cell's points and its mean point evaluate at present:
-                                   * the shares of a B-bar cell (otherwise the whole), relaxed for the present step */
-    sb_material *relaxing;        /* [material_count][2] what their Prony terms relax */
-    const sb_vec3 *second_fibres; /* [cell_count] of a second family, borrowed; or NULL */
-    const sb_vec3 *fibres;        /* [cell_count] unit directions at rest or 0, borrowed; there when a material has
-                                   * fibres */
+    const int *cell_material;      /* [cell_count] index into materials */
+    const sb_real *cell_stiffness; /* [cell_count] > 0 that the stresses of each cell are multiplied by, borrowed; NULL
+                                    * (and of a mesh that changes): 1 */
+    sb_material *shares;           /* [material_count][2] what a cell's points and its mean point evaluate at present:
+                                    * the shares of a B-bar cell (otherwise the whole), relaxed for the present step */
+    sb_material *relaxing;         /* [material_count][2] what their Prony terms relax */
+    const sb_vec3 *second_fibres;  /* [cell_count] of a second family, borrowed; or NULL */
+    const sb_vec3 *fibres;         /* [cell_count] unit directions at rest or 0, borrowed; there when a material has
+                                    * fibres */
     const sb_jobs *jobs;
     const sb_vec3 *reference;   /* [node_count] (m) */
     const sbi_inner_rows *rows; /* what holds besides the cells, borrowed; or NULL */
@@ -96,6 +98,11 @@ typedef struct sbi_assembly {
     struct sbi_assembly_live *live; /* of a mesh that changes, see assembly_live.h; otherwise NULL */
 } sbi_assembly;
 
+/* What the stresses of a cell are multiplied by. */
+SB_INLINE sb_real sbi_assembly_stiffness(const sbi_assembly *assembly, int e)
+{
+    return assembly->cell_stiffness ? assembly->cell_stiffness[e] : (sb_real)1;
+}
 /* Cells that arrays have room for. */
 SB_INLINE int sbi_assembly_cell_room(const sb_domain *domain)
 {

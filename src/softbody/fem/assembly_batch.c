@@ -123,7 +123,7 @@ static void sbi_batch_set_moduli(sbi_assembly *assembly, int e, int batch, int p
 {
     int q = assembly->domain->points_per_cell;
     const sb_material *material = assembly->materials + assembly->cell_material[e];
-    sb_real w = assembly->domain->weights[(size_t)e * (size_t)q + (size_t)p];
+    sb_real w = assembly->domain->weights[(size_t)e * (size_t)q + (size_t)p] * sbi_assembly_stiffness(assembly, e);
     sb_real *out = assembly->batch_moduli + ((size_t)batch * (size_t)q + (size_t)p) * 3 * SB_POLAR_LANES + lane;
     out[0] = w * material->lambda;
     out[SB_POLAR_LANES] = w * material->mu;
