@@ -198,4 +198,12 @@ static void test_gaps(void)
         check_film(scenes[i]);
 }
 
-CHECK_SUITE(cut_film, {"flat cuts", test_flat}, {"across gaps", test_gaps});
+/* Pieces all of whose extents are rounding of an edge: in float they had mass and stiffness 0. */
+static void test_rounding(void)
+{
+    static const int scenes[3] = {177, 300, 420};
+    for (int i = 0; i < 3; i++)
+        check_film(scenes[i]);
+}
+
+CHECK_SUITE(cut_film, {"flat cuts", test_flat}, {"across gaps", test_gaps}, {"rounding", test_rounding});

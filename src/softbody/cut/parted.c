@@ -345,6 +345,10 @@ static void sbi_parted_second_moments(const sbi_parted *parted, sb_real least, s
     }
 }
 
+/* Share of a piece that is none: each of its extents is rounding of an edge. Its mass and stiffness may be 0 in float
+ * where their inverses are asked for. */
+static const sb_real sbi_parted_least = SB_EPSILON * SB_EPSILON * SB_EPSILON;
+
 SBI_API void sbi_parted_shares(const sbi_parted *parted, sb_real least, sb_real *shares)
 {
     sbi_flag flags[SBI_FLAGS];
@@ -355,18 +359,20 @@ SBI_API void sbi_parted_shares(const sbi_parted *parted, sb_real least, sb_real 
             if (flags[k].piece != SBI_PARTED_LOST)
                 shares[flags[k].piece] += flags[k].volume;
     }
+    for (int k = 0; k < parted->piece_count; k++)
+        if (shares[k] < sbi_parted_least)
+            shares[k] = 0;
 }
 
 SBI_API void sbi_parted_moments(const sbi_parted *parted, sb_real least, sbi_part_moments *moments)
 {
-    const sb_real most_over = SB_EPSILON * SB_REAL_MAX; /* 1 over a share that centres can be divided by */
     memset(moments, 0, (size_t)parted->piece_count * sizeof *moments);
     sbi_parted_first_moments(parted, least, moments);
     for (int k = 0; k < parted->piece_count; k++) {
         int lowest = 0;
         while (!(parted->pieces[k] >> lowest & 1))
             lowest++;
-        if (moments[k].share * most_over < 1) /* films whose share is rounding, in float also denormal */
+        if (moments[k].share < sbi_parted_least)
             moments[k].share = 0;
         moments[k].centre = moments[k].share > 0 ? sb_v3_scale(1 / moments[k].share, moments[k].centre)
                                                  : sbi_parted_corner(parted->lattice, lowest);
