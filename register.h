@@ -269,6 +269,9 @@
 #define reg_track_step reg_track_step_f32
 #define reg_track_displacements reg_track_displacements_f32
 #define reg_track_covariances reg_track_covariances_f32
+#define reg_track_save_size reg_track_save_size_f32
+#define reg_track_save reg_track_save_f32
+#define reg_track_load reg_track_load_f32
 #define reg_track_state_string reg_track_state_string_f32
 #endif
 #endif
@@ -1591,6 +1594,23 @@ REG_API sb_result reg_track_displacements(const reg_track *track, sb_vec3 *displ
 /* covariances[nodes] (m^2) of that, in the target's frame. Some (modes + 6)^2 multiply-adds a node: for a look now and
  * then, not for each frame. */
 REG_API sb_result reg_track_covariances(const reg_track *track, sb_mat3 *covariances);
+
+/* ---- undo, replays, a start where another run ended -------------------------------------------------------------- */
+
+/* A saved tracker holds all that steps, restarts and targets change, a target that waits included: what follows a load
+ * is what followed the save, bit for bit, also in another process or machine. It is loaded into a tracker of the same
+ * model that was made with the same def (most_points may differ), in the same precision. Some
+ * 3 (modes + 1) reals a node. The model and its body are not part of it: steps leave them alone.
+ *
+ * size: bytes that save writes for the tracker as it is; 0 for NULL. save: what is behind them stays.
+ * SB_ERROR_ARGUMENT: NULL, or too small a buffer (then untouched). Neither allocates. */
+REG_API size_t reg_track_save_size(const reg_track *track);
+REG_API sb_result reg_track_save(const reg_track *track, void *buffer, size_t size);
+/* Allocates nothing. Everything is checked first; on failure the tracker is as it was: SB_ERROR_ARGUMENT (NULL),
+ * SB_ERROR_FORMAT (no saved tracker, cut short, damaged, a number out of its range), SB_ERROR_UNSUPPORTED (other
+ * version or precision), SB_ERROR_STATE (another model's or def's), SB_ERROR_NOT_FINITE. */
+REG_API sb_result reg_track_load(reg_track *track, const void *buffer, size_t size, sb_error *error);
+
 /* "follows", "predicts", "jumped", "lost". */
 REG_API const char *reg_track_state_string(reg_track_state state);
 
@@ -13876,7 +13896,7 @@ REG_API const char *reg_infer_stop_string(reg_infer_stop stop)
 
 /* ==== src/register/track_private.h ==== */
 /* track_private: what is inside a reg_track. Floor 6, internal: track_modes.c finds the shapes, track_frame.c takes in
- * what is seen, track.c makes it all and tells of it. */
+ * what is seen, track_state.c saves it, track.c makes it all and tells of it. */
 #ifndef REG_TRACK_PRIVATE_H
 #define REG_TRACK_PRIVATE_H
 
@@ -13961,6 +13981,8 @@ struct reg_track {
 REGI_API sb_result regi_track_linearise(reg_track *track, const sb_vec3 *displacements, const sb_real pose_sd[2],
                                         sb_error *error);
 
+/* What follows from arms and modes: those of the skin, and spread. */
+REGI_API void regi_track_derive(reg_track *track);
 /* covariance (m^2) of where a node is, in the frame of the target; row: [unknowns] scratch. */
 REGI_API void regi_track_covariance_of(const reg_track *track, int node, double *row, sb_mat3 *covariance);
 
@@ -14215,14 +14237,19 @@ REGI_API void regi_track_covariance_of(const reg_track *t, int node, double *row
     *covariance = sb_m3_mul(turned, sb_m3_mul(*covariance, sb_m3_transpose(turned)));
 }
 
+REGI_API void regi_track_derive(reg_track *t)
+{
+    regi_track_carry_skin(t);
+    regi_track_find_spread(t);
+}
+
 static void regi_track_begin(reg_track *t, const reg_rigid *pose, const sb_real pose_sd[2])
 {
     const sb_vec3 *x = sb_body_positions(t->model->body);
     for (int i = 0; i < t->node_count; i++)
         t->arms[i] = sb_v3_sub(x[i], t->response.centre);
     regi_track_keep_modes(t);
-    regi_track_carry_skin(t);
-    regi_track_find_spread(t);
+    regi_track_derive(t);
     memset(t->known.mean, 0, (size_t)t->def.modes * sizeof *t->known.mean);
     t->known.place = reg_rigid_apply(pose, t->response.centre);
     t->known.turned = sb_quat_from_mat3(pose->rotation);
@@ -14718,6 +14745,257 @@ REGI_API sb_result regi_track_take_in(reg_track *t, int *counted, reg_track_info
         return sbi_fail(&info->error, SB_ERROR_INDEFINITE, "the target cannot be taken in");
     info->noise = t->look.noise;
     return result;
+}
+
+/* ==== src/register/track_state.c ==== */
+/* track_state: saves what a tracker is at, and brings it back. Numbers are little-endian, 4 or 8 bytes. */
+#include <string.h>
+
+
+static const char regi_track_magic[9] = "REGTRACK";
+enum { REGI_TRACK_VERSION = 1 };
+
+/* One walk over what is saved: counts it, writes it, looks whether it may be read, or reads it. */
+typedef struct regi_track_image {
+    unsigned char *out;      /* NULL: nothing is written */
+    const unsigned char *in; /* NULL: nothing is read */
+    int keeps;               /* of what is read; 0: it is looked at only */
+    size_t used;
+    int bad; /* a number that is not finite was read */
+} regi_track_image;
+
+static uint64_t regi_track_word(regi_track_image *image, uint64_t word, int bytes)
+{
+    if (image->out)
+        sbi_put_bytes(image->out + image->used, word, bytes);
+    if (image->in)
+        word = sbi_get_bytes(image->in + image->used, bytes);
+    image->used += (size_t)bytes;
+    return word;
+}
+
+/* Returns what is there after the walk has come by, kept or not. */
+static int regi_track_int(regi_track_image *image, int *value)
+{
+    int found = sbi_int_of(regi_track_word(image, (uint64_t)(uint32_t)*value, 4));
+    *value = image->keeps ? found : *value;
+    return found;
+}
+
+static double regi_track_double(regi_track_image *image, double *value)
+{
+    double found;
+    uint64_t word;
+    memcpy(&word, value, sizeof word);
+    word = regi_track_word(image, word, 8);
+    memcpy(&found, &word, sizeof found);
+    image->bad |= image->in && found - found != 0;
+    *value = image->keeps ? found : *value;
+    return found;
+}
+
+static void regi_track_doubles(regi_track_image *image, double *values, size_t count)
+{
+    for (size_t i = 0; i < count; i++)
+        (void)regi_track_double(image, values + i);
+}
+
+static sb_real regi_track_real(regi_track_image *image, sb_real *value)
+{
+    sb_real found = sbi_real_of(regi_track_word(image, sbi_real_bits(*value), (int)sizeof(sb_real)));
+    image->bad |= image->in && !sb_is_finite(found);
+    *value = image->keeps ? found : *value;
+    return found;
+}
+
+static void regi_track_vectors(regi_track_image *image, sb_vec3 *values, size_t count)
+{
+    for (size_t i = 0; i < count; i++) {
+        (void)regi_track_real(image, &values[i].x);
+        (void)regi_track_real(image, &values[i].y);
+        (void)regi_track_real(image, &values[i].z);
+    }
+}
+
+/* ---- what is saved ---- */
+
+/* 64 bits that differ for other rest shapes and surfaces. */
+static uint64_t regi_track_hash_model(const reg_model *model)
+{
+    uint64_t hash = (uint64_t)model->mesh.node_count;
+    for (int i = 0; i < model->mesh.node_count; i++) {
+        hash = sbi_hash_word(hash, sbi_real_bits(model->mesh.nodes[i].x));
+        hash = sbi_hash_word(hash, sbi_real_bits(model->mesh.nodes[i].y));
+        hash = sbi_hash_word(hash, sbi_real_bits(model->mesh.nodes[i].z));
+    }
+    for (int i = 0; i < 3 * model->skin.element_count; i++)
+        hash = sbi_hash_word(hash, (uint64_t)(uint32_t)model->skin.elements[i]);
+    return hash;
+}
+
+/* What two trackers must have in common. 1: the image's is this one's. */
+static int regi_track_walk_make(const reg_track *t, regi_track_image *image)
+{
+    reg_track_def def = t->def;
+    sb_real *reals[] = {&def.pose_sd, &def.pose_turn, &def.motion, &def.memory, &def.wander, &def.turn, &def.misfit};
+    uint64_t hash = regi_track_hash_model(t->model);
+    int skin = t->skin_count, same = regi_track_word(image, hash, 8) == hash;
+    same &= regi_track_int(image, &skin) == t->skin_count;
+    same &= regi_track_int(image, &def.modes) == t->def.modes;
+    same &= regi_track_int(image, &def.patches) == t->def.patches;
+    same &= regi_track_double(image, &def.lost_after) == t->def.lost_after;
+    for (size_t i = 0; i < sizeof reals / sizeof *reals; i++) {
+        sb_real own = *reals[i];
+        same &= regi_track_real(image, reals[i]) == own;
+    }
+    return same;
+}
+
+/* 0: a number is out of its range. */
+static int regi_track_walk_known(reg_track *t, regi_track_image *image)
+{
+    regi_track_known *k = &t->known;
+    size_t n = (size_t)t->unknowns;
+    sb_quat turned;
+    int surprises, wide, good;
+    regi_track_doubles(image, k->mean, (size_t)t->def.modes);
+    regi_track_doubles(image, k->covariance, n * n);
+    regi_track_vectors(image, &k->place, 1);
+    turned.x = regi_track_real(image, &k->turned.x);
+    turned.y = regi_track_real(image, &k->turned.y);
+    turned.z = regi_track_real(image, &k->turned.z);
+    turned.w = regi_track_real(image, &k->turned.w);
+    good = sb_abs(turned.x * turned.x + turned.y * turned.y + turned.z * turned.z + turned.w * turned.w - 1) <
+           (sb_real)1e-3;
+    good &= regi_track_double(image, &k->time) >= 0;
+    good &= regi_track_double(image, &k->blind) >= 0;
+    good &= regi_track_real(image, &k->noise) >= 0;
+    good &= regi_track_double(image, &k->scale) >= 0;
+    good &= regi_track_double(image, &k->change) >= 0;
+    regi_track_doubles(image, k->evidence, REGI_TRACK_SCALES);
+    regi_track_doubles(image, k->change_evidence, REGI_TRACK_SCALES);
+    good &= regi_track_real(image, &k->usual_used) >= 0;
+    (void)regi_track_real(image, &k->usual_innovation);
+    surprises = regi_track_int(image, &k->surprises);
+    wide = regi_track_int(image, &k->wide);
+    return good && surprises >= 0 && surprises < REGI_TRACK_SURPRISES && wide >= 0 && wide <= REGI_TRACK_WIDE;
+}
+
+/* One point that waits. A target is fresh, so its points have no places yet. */
+static int regi_track_walk_point(regi_track_image *image, regi_look_point *point)
+{
+    sb_real weight, sd;
+    if (image->keeps)
+        regi_look_take(point, sb_v3(0, 0, 0), sb_v3(0, 0, 0), 0, 0);
+    regi_track_vectors(image, &point->at, 1);
+    regi_track_vectors(image, &point->normal, 1);
+    weight = regi_track_real(image, &point->weight);
+    sd = regi_track_real(image, &point->sd);
+    return weight >= 0 && sd >= 0;
+}
+
+/* The target that waits, if one does. `room`: bytes that the image has for it. 0: out of range. */
+static int regi_track_walk_target(reg_track *t, regi_track_image *image, size_t room)
+{
+    const size_t head = 2 * 4 + 3 * sizeof(sb_real), bytes = 8 * sizeof(sb_real);
+    int waiting = regi_track_int(image, &t->waiting), camera, count, good;
+    if (waiting == 0)
+        return 1;
+    if (image->in && (waiting != 1 || room < image->used + head))
+        return 0;
+    camera = regi_track_int(image, &t->incoming_has_camera);
+    regi_track_vectors(image, &t->incoming_camera, 1);
+    count = regi_track_int(image, &t->incoming_count);
+    good = (camera == 0 || camera == 1) && count >= 0 && count <= t->def.most_points &&
+           (image->in == NULL || room - image->used == (size_t)count * bytes);
+    for (int i = 0; good && i < count; i++)
+        good &= regi_track_walk_point(image, t->incoming + i);
+    return good;
+}
+
+/* All but the make; 0: out of range. */
+static int regi_track_walk(reg_track *t, regi_track_image *image, size_t room)
+{
+    size_t nodes = (size_t)t->node_count;
+    int good = regi_track_walk_known(t, image);
+    regi_track_vectors(image, t->arms, nodes);
+    regi_track_vectors(image, t->modes, nodes * (size_t)t->def.modes);
+    return regi_track_walk_target(t, image, room) && good;
+}
+
+/* ---- the calls ---- */
+
+/* A walk that counts or writes changes nothing. */
+static size_t regi_track_put(const reg_track *track, unsigned char *out)
+{
+    reg_track view = *track;
+    regi_track_image image;
+    memset(&image, 0, sizeof image);
+    image.out = out;
+    (void)regi_track_walk_make(&view, &image);
+    (void)regi_track_walk(&view, &image, 0);
+    return image.used;
+}
+
+REG_API size_t reg_track_save_size(const reg_track *track)
+{
+    return track ? regi_track_put(track, NULL) + SBI_IMAGE_HEAD + SBI_IMAGE_TAIL : 0;
+}
+
+REG_API sb_result reg_track_save(const reg_track *track, void *buffer, size_t size)
+{
+    size_t needed = reg_track_save_size(track);
+    if (!track || !buffer || size < needed)
+        return SB_ERROR_ARGUMENT;
+    (void)regi_track_put(track, (unsigned char *)buffer + SBI_IMAGE_HEAD);
+    sbi_image_seal((unsigned char *)buffer, needed, regi_track_magic, REGI_TRACK_VERSION);
+    return SB_OK;
+}
+
+/* Bytes of a state without a target: all that a walk reads before it can know how many points wait. */
+static size_t regi_track_least(const reg_track *track)
+{
+    reg_track view = *track;
+    view.waiting = 0;
+    return regi_track_put(&view, NULL);
+}
+
+static sb_result regi_track_check_content(const reg_track *track, const unsigned char *in, size_t size, sb_error *error)
+{
+    reg_track view = *track;
+    regi_track_image image;
+    int good;
+    memset(&image, 0, sizeof image);
+    image.in = in;
+    if (size < regi_track_least(track) || !regi_track_walk_make(&view, &image))
+        return sbi_fail(error, SB_ERROR_STATE, "the saved tracker is of another model or def");
+    good = regi_track_walk(&view, &image, size) && image.used == size;
+    if (image.bad)
+        return sbi_fail(error, SB_ERROR_NOT_FINITE, "the saved tracker holds a number that is not finite");
+    return good ? SB_OK : sbi_fail(error, SB_ERROR_FORMAT, "the saved tracker has a number out of its range");
+}
+
+REG_API sb_result reg_track_load(reg_track *track, const void *buffer, size_t size, sb_error *error)
+{
+    const unsigned char *bytes = (const unsigned char *)buffer;
+    regi_track_image image;
+    sb_result result;
+    if (!track || !buffer)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "a load needs a tracker and a state");
+    result = sbi_image_check(bytes, size, regi_track_magic, REGI_TRACK_VERSION, "tracker", error);
+    if (result == SB_OK) {
+        size -= SBI_IMAGE_HEAD + SBI_IMAGE_TAIL;
+        result = regi_track_check_content(track, bytes + SBI_IMAGE_HEAD, size, error);
+    }
+    if (result != SB_OK)
+        return result;
+    memset(&image, 0, sizeof image);
+    image.in = bytes + SBI_IMAGE_HEAD;
+    image.keeps = 1;
+    (void)regi_track_walk_make(track, &image);
+    (void)regi_track_walk(track, &image, size);
+    regi_track_derive(track);
+    return SB_OK;
 }
 
 /* ==== src/register/track.c ==== */

@@ -1360,6 +1360,8 @@ static reg_track *world_track(world *w)
     return w->track;
 }
 
+WORLD_IMAGE_OF(track, reg_track_save_size(world_track(w)), reg_track_save(w->track, w->image, w->image_bytes))
+
 static reg_points *world_points_seen(world *w)
 {
     const sb_mesh *mesh = world_mesh(w);

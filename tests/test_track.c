@@ -1,8 +1,9 @@
 /* Tests of tracking: random organs that breathe and drift, of another mesh and law than the model's, seen in part, with
  * noise and drop-outs, beside the tracker of a rigid organ; the filter's closed forms; jumps, losses, restarts; frames,
- * threads, memory. */
+ * threads, memory; saved states: the same bits afterwards, and what is refused. */
 #define SB_SPLIT_BUILD
 #include "../src/register/track_private.h"
+#include "../src/softbody/base/bytes.h"
 
 #include "check.h"
 #include "organ_motion.h"
@@ -441,6 +442,160 @@ static void test_bits(void)
     CHECK(hash[0] == hash[1] && hash[0] == hash[2]);
 }
 
+/* ---- saved states ---- */
+
+static unsigned char *save(const reg_track *track, size_t *size)
+{
+    unsigned char *bytes;
+    *size = reg_track_save_size(track);
+    bytes = (unsigned char *)malloc(*size);
+    CHECK_OK(reg_track_save(track, bytes, *size));
+    return bytes;
+}
+
+/* Takes in what waits, goes on for some frames, one of them without a target, and tells of all that came out. */
+static unsigned long long go_on(box *b, int restarts)
+{
+    size_t nodes = (size_t)b->mesh.node_count;
+    sb_vec3 *u = (sb_vec3 *)calloc(nodes, sizeof *u);
+    sb_mat3 *covariances = (sb_mat3 *)calloc(nodes, sizeof *covariances);
+    reg_track_info info;
+    unsigned long long hash = 0;
+    CHECK_OK(reg_track_step(b->track, 1.0 / 30, &info));
+    for (int frame = 0; frame < 4; frame++) {
+        if (frame == 2)
+            CHECK_OK(reg_track_step(b->track, 1.0 / 30, &info));
+        else
+            step_box(b, 0.3 + 0.1 * frame, sb_v3(0, REAL(1e-3) * (sb_real)frame, 0), &info);
+        if (frame == 1 && restarts)
+            CHECK_OK(reg_track_restart(b->track, NULL, NULL));
+        CHECK_OK(reg_track_displacements(b->track, u));
+        hash = 31 * hash + scene_hash(u, nodes * sizeof *u) + scene_hash(&info.expected, sizeof info.expected);
+    }
+    CHECK_OK(reg_track_covariances(b->track, covariances));
+    hash = 31 * hash + scene_hash(covariances, nodes * sizeof *covariances);
+    free(covariances);
+    free(u);
+    return hash;
+}
+
+/* Brings the box to a state in the middle: a few frames, perhaps a restart, and a target that waits. */
+static void begin(box *b, int restart)
+{
+    reg_track_info info;
+    reg_points target;
+    for (int frame = 0; frame < 3; frame++)
+        step_box(b, 0.1 * frame, sb_v3(0, 0, 0), &info);
+    if (restart)
+        CHECK_OK(reg_track_restart(b->track, NULL, NULL));
+    target = scan_box(b, 0.3, sb_v3(0, 0, 0));
+    target.has_camera = 1;
+    target.camera = sb_v3(REAL(0.1), REAL(0.07), 1);
+    CHECK_OK(reg_track_set_target(b->track, &target, NULL));
+}
+
+/* What follows a load follows it bit for bit: in the same tracker, after a restart that changed its shapes, and in
+ * another one; nothing is allocated. */
+static void test_state(void)
+{
+    for (int restart = 0; restart < 2; restart++) {
+        scene_memory memory = {0, 0, 0, 0};
+        sb_allocator allocator = scene_allocator(&memory);
+        box b, other;
+        int made = make_box(&b, &allocator, NULL), both = make_box(&other, NULL, NULL) && made;
+        if (both) {
+            size_t size, again;
+            unsigned char *bytes, *back;
+            unsigned long long first, second;
+            begin(&b, restart);
+            memory.calls = 0;
+            memory.fail_at = 1;
+            bytes = save(b.track, &size);
+            first = go_on(&b, 1);
+            CHECK_OK(reg_track_load(b.track, bytes, size, NULL));
+            back = save(b.track, &again);
+            CHECK(size == again && memcmp(back, bytes, size) == 0);
+            second = go_on(&b, 1);
+            CHECK_INT(memory.calls, 0);
+            CHECK(first == second);
+            CHECK_OK(reg_track_load(other.track, bytes, size, NULL));
+            CHECK(go_on(&other, 1) == first);
+            free(back);
+            free(bytes);
+        }
+        free_box(&other);
+        free_box(&b);
+        CHECK_INT(memory.live, 0);
+    }
+}
+
+/* What is refused changes nothing. */
+static void refuse(const box *b, const unsigned char *bytes, size_t size, sb_result wanted)
+{
+    size_t own, after;
+    unsigned char *before = save(b->track, &own), *now;
+    sb_error error;
+    CHECK_RESULT(reg_track_load(b->track, bytes, size, &error), wanted);
+    CHECK(error.message[0] != 0);
+    now = save(b->track, &after);
+    CHECK(own == after && memcmp(before, now, own) == 0);
+    free(now);
+    free(before);
+}
+
+/* One byte or number of a state changed at a place of the content, checksum and all. */
+static void forge(const box *b, unsigned char *bytes, size_t size, size_t at, uint64_t value, int width,
+                  sb_result wanted)
+{
+    unsigned char kept[8];
+    memcpy(kept, bytes + SBI_IMAGE_HEAD + at, sizeof kept);
+    sbi_put_bytes(bytes + SBI_IMAGE_HEAD + at, value, width);
+    sbi_image_seal(bytes, size, "REGTRACK", 1);
+    refuse(b, bytes, size, wanted);
+    memcpy(bytes + SBI_IMAGE_HEAD + at, kept, sizeof kept);
+    sbi_image_seal(bytes, size, "REGTRACK", 1);
+}
+
+static void test_forged(void)
+{
+    box b;
+    if (make_box(&b, NULL, NULL)) {
+        size_t size, real = sizeof(sb_real), content, target, make = 8 + 3 * 4 + 8 + 7 * sizeof(sb_real);
+        unsigned char *bytes;
+        begin(&b, 0);
+        bytes = save(b.track, &size);
+        content = size - SBI_IMAGE_HEAD - SBI_IMAGE_TAIL;
+        target = content - (size_t)b.track->incoming_count * 8 * real - 3 * 4 - 3 * real;
+        for (size_t cut = 0; cut < size; cut += cut < 200 ? 1 : size / 50)
+            refuse(&b, bytes, cut, SB_ERROR_FORMAT);
+        for (size_t at = SBI_IMAGE_HEAD; at < size; at += 1 + size / 60) {
+            bytes[at] ^= 0x10;
+            refuse(&b, bytes, size, SB_ERROR_FORMAT);
+            bytes[at] ^= 0x10;
+        }
+        forge(&b, bytes, size, 0, 1, 8, SB_ERROR_STATE);                           /* another model */
+        forge(&b, bytes, size, 8 + 4, 13, 4, SB_ERROR_STATE);                      /* other modes */
+        forge(&b, bytes, size, make, 0x7FF8000000000000u, 8, SB_ERROR_NOT_FINITE); /* a mean */
+        forge(&b, bytes, size, make, 0x7FF0000000000000u, 8, SB_ERROR_NOT_FINITE);
+        forge(&b, bytes, size, target, 2, 4, SB_ERROR_FORMAT);                          /* waiting */
+        forge(&b, bytes, size, target, 0, 4, SB_ERROR_FORMAT);                          /* and more behind it */
+        forge(&b, bytes, size, target + 4, 2, 4, SB_ERROR_FORMAT);                      /* a camera */
+        forge(&b, bytes, size, target + 8 + 3 * real, 0xFFFFFFFFu, 4, SB_ERROR_FORMAT); /* points */
+        forge(&b, bytes, size, target + 8 + 3 * real, 1999, 4, SB_ERROR_FORMAT);
+        for (size_t back = 1; back < 3; back++) /* surprises, frames that search wide: before arms and modes */
+            forge(&b, bytes, size, target - (size_t)b.mesh.node_count * 13 * 3 * real - 4 * back, 99, 4,
+                  SB_ERROR_FORMAT);
+        CHECK_RESULT(reg_track_load(NULL, bytes, size, NULL), SB_ERROR_ARGUMENT);
+        CHECK_RESULT(reg_track_load(b.track, NULL, size, NULL), SB_ERROR_ARGUMENT);
+        CHECK_RESULT(reg_track_save(b.track, bytes, size - 1), SB_ERROR_ARGUMENT);
+        CHECK_RESULT(reg_track_save(NULL, bytes, size), SB_ERROR_ARGUMENT);
+        CHECK(reg_track_save_size(NULL) == 0);
+        CHECK_OK(reg_track_load(b.track, bytes, size, NULL));
+        free(bytes);
+    }
+    free_box(&b);
+}
+
 /* ---- refusals, memory ---- */
 
 static void test_refusals(void)
@@ -523,4 +678,5 @@ static void test_memory(void)
 
 CHECK_SUITE(track, {"organs", test_organs}, {"still", test_still}, {"posterior", test_posterior},
             {"forgets", test_forgets}, {"covariances", test_covariances}, {"jump", test_jump}, {"lost", test_lost},
-            {"frames", test_frames}, {"bits", test_bits}, {"refusals", test_refusals}, {"memory", test_memory});
+            {"frames", test_frames}, {"bits", test_bits}, {"state", test_state}, {"forged states", test_forged},
+            {"refusals", test_refusals}, {"memory", test_memory});

@@ -6489,6 +6489,26 @@ public static unsafe class Native
     [DllImport(Library, CallingConvention = CallingConvention.Cdecl)]
     public static extern sb_result reg_track_covariances(reg_track* track, sb_mat3* covariances);
     /// <summary>
+    /// A saved tracker holds all that steps, restarts and targets change, a target that waits included: what follows a load
+    /// is what followed the save, bit for bit, also in another process or machine. It is loaded into a tracker of the same
+    /// model that was made with the same def (most_points may differ), in the same precision. Some
+    /// 3 (modes + 1) reals a node. The model and its body are not part of it: steps leave them alone.
+    ///
+    /// size: bytes that save writes for the tracker as it is; 0 for NULL. save: what is behind them stays.
+    /// SB_ERROR_ARGUMENT: NULL, or too small a buffer (then untouched). Neither allocates.
+    /// </summary>
+    [DllImport(Library, CallingConvention = CallingConvention.Cdecl)]
+    public static extern UIntPtr reg_track_save_size(reg_track* track);
+    [DllImport(Library, CallingConvention = CallingConvention.Cdecl)]
+    public static extern sb_result reg_track_save(reg_track* track, void* buffer, UIntPtr size);
+    /// <summary>
+    /// Allocates nothing. Everything is checked first; on failure the tracker is as it was: SB_ERROR_ARGUMENT (NULL),
+    /// SB_ERROR_FORMAT (no saved tracker, cut short, damaged, a number out of its range), SB_ERROR_UNSUPPORTED (other
+    /// version or precision), SB_ERROR_STATE (another model's or def's), SB_ERROR_NOT_FINITE.
+    /// </summary>
+    [DllImport(Library, CallingConvention = CallingConvention.Cdecl)]
+    public static extern sb_result reg_track_load(reg_track* track, void* buffer, UIntPtr size, sb_error* error);
+    /// <summary>
     /// "follows", "predicts", "jumped", "lost".
     /// </summary>
     [DllImport(Library, CallingConvention = CallingConvention.Cdecl)]

@@ -106,6 +106,9 @@
 #define reg_track_step reg_track_step_f32
 #define reg_track_displacements reg_track_displacements_f32
 #define reg_track_covariances reg_track_covariances_f32
+#define reg_track_save_size reg_track_save_size_f32
+#define reg_track_save reg_track_save_f32
+#define reg_track_load reg_track_load_f32
 #define reg_track_state_string reg_track_state_string_f32
 #endif
 #endif

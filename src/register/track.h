@@ -114,6 +114,23 @@ REG_API sb_result reg_track_displacements(const reg_track *track, sb_vec3 *displ
 /* covariances[nodes] (m^2) of that, in the target's frame. Some (modes + 6)^2 multiply-adds a node: for a look now and
  * then, not for each frame. */
 REG_API sb_result reg_track_covariances(const reg_track *track, sb_mat3 *covariances);
+
+/* ---- undo, replays, a start where another run ended -------------------------------------------------------------- */
+
+/* A saved tracker holds all that steps, restarts and targets change, a target that waits included: what follows a load
+ * is what followed the save, bit for bit, also in another process or machine. It is loaded into a tracker of the same
+ * model that was made with the same def (most_points may differ), in the same precision. Some
+ * 3 (modes + 1) reals a node. The model and its body are not part of it: steps leave them alone.
+ *
+ * size: bytes that save writes for the tracker as it is; 0 for NULL. save: what is behind them stays.
+ * SB_ERROR_ARGUMENT: NULL, or too small a buffer (then untouched). Neither allocates. */
+REG_API size_t reg_track_save_size(const reg_track *track);
+REG_API sb_result reg_track_save(const reg_track *track, void *buffer, size_t size);
+/* Allocates nothing. Everything is checked first; on failure the tracker is as it was: SB_ERROR_ARGUMENT (NULL),
+ * SB_ERROR_FORMAT (no saved tracker, cut short, damaged, a number out of its range), SB_ERROR_UNSUPPORTED (other
+ * version or precision), SB_ERROR_STATE (another model's or def's), SB_ERROR_NOT_FINITE. */
+REG_API sb_result reg_track_load(reg_track *track, const void *buffer, size_t size, sb_error *error);
+
 /* "follows", "predicts", "jumped", "lost". */
 REG_API const char *reg_track_state_string(reg_track_state state);
 

@@ -239,14 +239,19 @@ REGI_API void regi_track_covariance_of(const reg_track *t, int node, double *row
     *covariance = sb_m3_mul(turned, sb_m3_mul(*covariance, sb_m3_transpose(turned)));
 }
 
+REGI_API void regi_track_derive(reg_track *t)
+{
+    regi_track_carry_skin(t);
+    regi_track_find_spread(t);
+}
+
 static void regi_track_begin(reg_track *t, const reg_rigid *pose, const sb_real pose_sd[2])
 {
     const sb_vec3 *x = sb_body_positions(t->model->body);
     for (int i = 0; i < t->node_count; i++)
         t->arms[i] = sb_v3_sub(x[i], t->response.centre);
     regi_track_keep_modes(t);
-    regi_track_carry_skin(t);
-    regi_track_find_spread(t);
+    regi_track_derive(t);
     memset(t->known.mean, 0, (size_t)t->def.modes * sizeof *t->known.mean);
     t->known.place = reg_rigid_apply(pose, t->response.centre);
     t->known.turned = sb_quat_from_mat3(pose->rotation);

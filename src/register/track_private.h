@@ -1,5 +1,5 @@
 /* track_private: what is inside a reg_track. Floor 6, internal: track_modes.c finds the shapes, track_frame.c takes in
- * what is seen, track.c makes it all and tells of it. */
+ * what is seen, track_state.c saves it, track.c makes it all and tells of it. */
 #ifndef REG_TRACK_PRIVATE_H
 #define REG_TRACK_PRIVATE_H
 
@@ -87,6 +87,8 @@ struct reg_track {
 REGI_API sb_result regi_track_linearise(reg_track *track, const sb_vec3 *displacements, const sb_real pose_sd[2],
                                         sb_error *error);
 
+/* What follows from arms and modes: those of the skin, and spread. */
+REGI_API void regi_track_derive(reg_track *track);
 /* covariance (m^2) of where a node is, in the frame of the target; row: [unknowns] scratch. */
 REGI_API void regi_track_covariance_of(const reg_track *track, int node, double *row, sb_mat3 *covariance);
 

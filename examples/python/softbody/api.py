@@ -2945,6 +2945,9 @@ FUNCTIONS = {  # name: (what it returns, parameters)
     "reg_track_step": (c_int, (POINTER(reg_track), c_double, POINTER(reg_track_info), )),
     "reg_track_displacements": (c_int, (POINTER(reg_track), POINTER(sb_vec3), )),
     "reg_track_covariances": (c_int, (POINTER(reg_track), POINTER(sb_mat3), )),
+    "reg_track_save_size": (c_size_t, (POINTER(reg_track), )),
+    "reg_track_save": (c_int, (POINTER(reg_track), c_void_p, c_size_t, )),
+    "reg_track_load": (c_int, (POINTER(reg_track), c_void_p, c_size_t, POINTER(sb_error), )),
     "reg_track_state_string": (c_char_p, (c_int, )),
 }
 
@@ -3420,5 +3423,7 @@ DOCUMENTATION = {
     'reg_track_step': 'Goes on by dt (s, > 0), and takes in the target that waits, if there is one. Allocates nothing. info may be NULL.\nSB_ERROR_ARGUMENT, SB_ERROR_INDEFINITE, SB_ERROR_NOT_FINITE: nothing has changed but that the target is gone.',
     'reg_track_displacements': "displacements[nodes] (m) of the model's nodes from rest to where they are in the target's frame.",
     'reg_track_covariances': "covariances[nodes] (m^2) of that, in the target's frame. Some (modes + 6)^2 multiply-adds a node: for a look now and\nthen, not for each frame.",
+    'reg_track_save_size': 'A saved tracker holds all that steps, restarts and targets change, a target that waits included: what follows a load\nis what followed the save, bit for bit, also in another process or machine. It is loaded into a tracker of the same\nmodel that was made with the same def (most_points may differ), in the same precision. Some\n3 (modes + 1) reals a node. The model and its body are not part of it: steps leave them alone.\n\nsize: bytes that save writes for the tracker as it is; 0 for NULL. save: what is behind them stays.\nSB_ERROR_ARGUMENT: NULL, or too small a buffer (then untouched). Neither allocates.',
+    'reg_track_load': "Allocates nothing. Everything is checked first; on failure the tracker is as it was: SB_ERROR_ARGUMENT (NULL),\nSB_ERROR_FORMAT (no saved tracker, cut short, damaged, a number out of its range), SB_ERROR_UNSUPPORTED (other\nversion or precision), SB_ERROR_STATE (another model's or def's), SB_ERROR_NOT_FINITE.",
     'reg_track_state_string': '"follows", "predicts", "jumped", "lost".',
 }
