@@ -574,6 +574,16 @@ static void check_same_as_compact(rooms *live, const live_mesh *m, int model)
     rooms_free(&compact);
 }
 
+/* x . K x is what x does in the product's forces f = K x. */
+static void check_work_along(sbi_assembly *assembly, int count, const sb_vec3 *x, const sb_vec3 *f)
+{
+    double work = 0;
+    for (int i = 0; i < count; i++)
+        work += (double)sb_v3_dot(x[i], f[i]);
+    CHECK(work > 0);
+    CHECK_NEAR(sbi_assembly_work_along(assembly, x), work, 1000 * (double)SB_EPSILON * work);
+}
+
 /* All bits of forces, tangent, colours are those of an assembly made at once with the same slots. */
 static void check_same_as_fresh(rooms *live, const live_mesh *m, int model)
 {
@@ -588,6 +598,7 @@ static void check_same_as_fresh(rooms *live, const live_mesh *m, int model)
     CHECK(memcmp(&live->assembly.energy_unit, &fresh.assembly.energy_unit, sizeof(sb_real)) == 0);
     if (live->assembly.batched) {
         CHECK_INT(sbi_assembly_multiply(&live->assembly, u, f), 1);
+        check_work_along(&live->assembly, m->node_end, u, f);
         sbi_assembly_multiply(&fresh.assembly, u, f + count);
         CHECK(memcmp(f, f + count, count * sizeof *f) == 0);
     }

@@ -1185,10 +1185,17 @@ static int sbi_state_give_quats(sbi_state_walk *walk, sb_real *quats, int cells)
     return 1;
 }
 
+/* All lanes as they lie, where that is nobody else's business. 0: cell by cell. */
+static int sbi_state_keep_quats(sbi_state_walk *walk, sb_real *quats, int cells)
+{
+    size_t batches = ((size_t)cells + SB_POLAR_LANES - 1) / SB_POLAR_LANES;
+    return walk->plain && sbi_state_bulk(walk, quats, batches * 4 * SB_POLAR_LANES, sizeof(sb_real));
+}
+
 /* Rotations of the batched loops; an image's go to `to`. */
 static void sbi_state_batch_quats(sbi_state_walk *walk, sb_real *quats, sb_real *to, int cells)
 {
-    if (sbi_state_give_quats(walk, quats, cells) ||
+    if (sbi_state_keep_quats(walk, quats, cells) || sbi_state_give_quats(walk, quats, cells) ||
         (walk->pass != SBI_STATE_READ && sbi_state_skip(walk, (size_t)cells, sizeof(sb_quat))))
         return;
     for (int e = 0; e < cells && walk->result == SB_OK; e++) {

@@ -171,9 +171,7 @@ static double sbi_kept_true_work(const sbi_step *step)
 {
     sb_body *b = step->body;
     int n = b->domain.node_count;
-    double stiffness, mass;
-    (void)sbi_assembly_multiply(&b->assembly, b->work, b->work2);
-    stiffness = sbi_kept_work(n, b->work, b->work2);
+    double stiffness = (double)sbi_assembly_work_along(&b->assembly, b->work), mass;
     sbi_body_mass_multiply(b, b->work, b->work2);
     mass = sbi_kept_work(n, b->work, b->work2);
     return (double)sbi_step_stiffness_factor(step) * stiffness + (double)sbi_step_mass_factor(step) * mass;

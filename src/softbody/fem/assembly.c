@@ -103,7 +103,8 @@ typedef enum sbi_assembly_work {
     SBI_WORK_FORCE,
     SBI_WORK_TANGENT,
     SBI_WORK_ENERGY,
-    SBI_WORK_PRODUCT
+    SBI_WORK_PRODUCT,
+    SBI_WORK_ALONG
 } sbi_assembly_work;
 
 typedef struct sbi_assembly_job {
@@ -678,6 +679,7 @@ static void sbi_assembly_chunk(void *user, int index)
     case SBI_WORK_TANGENT: bad = sbi_chunk_tangent_any(job, begin, end); break;
     case SBI_WORK_ENERGY: bad = sbi_chunk_energy_any(job, begin, end, &assembly->chunk_energy[chunk]); break;
     case SBI_WORK_PRODUCT: sbi_batch_multiply(assembly, job->u, job->force, begin, end); break;
+    case SBI_WORK_ALONG: assembly->chunk_energy[chunk] = sbi_batch_work(assembly, job->u, begin, end); break;
     }
     assembly->chunk_bad_cell[chunk] = bad;
 }
@@ -826,13 +828,26 @@ SBI_API int sbi_assembly_multiply(sbi_assembly *assembly, const sb_vec3 *x, sb_v
     return 1;
 }
 
+static sb_real sbi_assembly_sum_chunks(const sbi_assembly *assembly)
+{
+    sb_real sum = 0;
+    for (int c = 0; c < assembly->chunk_count; c++)
+        sum += assembly->chunk_energy[c];
+    return sum;
+}
+
+SBI_API sb_real sbi_assembly_work_along(sbi_assembly *assembly, const sb_vec3 *x)
+{
+    sbi_assembly_job job = sbi_assembly_make_job(assembly, SBI_WORK_ALONG, x);
+    (void)sbi_assembly_run(&job);
+    return sbi_assembly_sum_chunks(assembly);
+}
+
 SBI_API int sbi_assembly_energy(sbi_assembly *assembly, const sb_vec3 *u, sb_real *energy)
 {
     sbi_assembly_job job = sbi_assembly_make_job(assembly, SBI_WORK_ENERGY, u);
     int bad = sbi_assembly_run(&job);
-    sb_real sum = 0;
-    for (int c = 0; c < assembly->chunk_count; c++)
-        sum += assembly->chunk_energy[c];
+    sb_real sum = sbi_assembly_sum_chunks(assembly);
     if (assembly->rows)
         sum += sbi_rows_energy(assembly->rows, u);
     if (assembly->glue)

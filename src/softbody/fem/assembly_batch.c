@@ -224,15 +224,24 @@ SBI_FORCE_INLINE void sbi_batch_gather(const sb_domain *domain, int batch, const
 /* Below, loops over lanes hold what can be done in a lane at once: compilers that do not unroll the loops about them
  * would otherwise read and write memory for each product. */
 
-/* Row i of F += row i of the sum over nodes a >= 1 of (u_a - u_0) g_a^T. Three nodes at a time: one at a time, F would
- * be read and written for each node. There are three or nine of them, n being 4 or 10, so that none is left over but of
- * a cloud. */
+/* Row i of F = rest I + sum over nodes a >= 1 of (u_a - u_0) g_a^T. Three nodes at a time: one at a time, F would be
+ * read and written for each node. There are three or nine of them, n being 4 or 10, so that none is left over but of a
+ * cloud, and the first three need no F that was cleared. */
 SBI_FORCE_INLINE void sbi_batch_deform_row(const sb_real (*SB_RESTRICT d)[SB_POLAR_LANES],
-                                           const sb_real (*SB_RESTRICT g)[SB_POLAR_LANES], const int n, const int i,
-                                           sb_real (*SB_RESTRICT f)[SB_POLAR_LANES])
+                                           const sb_real (*SB_RESTRICT g)[SB_POLAR_LANES], const int n, const int rest,
+                                           const int i, sb_real (*SB_RESTRICT f)[SB_POLAR_LANES])
 {
-    int a = 0;
-    for (; a + 3 <= n - 1; a += 3, d += 9, g += 9)
+    const sb_real x = (sb_real)(i == 0 ? rest : 0), y = (sb_real)(i == 1 ? rest : 0), z = (sb_real)(i == 2 ? rest : 0);
+    int a = n > 3 ? 3 : 0;
+    for (int l = 0; l < SB_POLAR_LANES && n > 3; l++) {
+        sb_real d0 = d[i][l], d1 = d[3 + i][l], d2 = d[6 + i][l];
+        f[0][l] = x + d0 * g[0][l] + d1 * g[3][l] + d2 * g[6][l];
+        f[1][l] = y + d0 * g[1][l] + d1 * g[4][l] + d2 * g[7][l];
+        f[2][l] = z + d0 * g[2][l] + d1 * g[5][l] + d2 * g[8][l];
+    }
+    for (int l = 0; l < SB_POLAR_LANES && n <= 3; l++)
+        f[0][l] = x, f[1][l] = y, f[2][l] = z;
+    for (d += 3 * a, g += 3 * a; a + 3 <= n - 1; a += 3, d += 9, g += 9)
         for (int l = 0; l < SB_POLAR_LANES; l++) {
             sb_real d0 = d[i][l], d1 = d[3 + i][l], d2 = d[6 + i][l];
             f[0][l] = f[0][l] + d0 * g[0][l] + d1 * g[3][l] + d2 * g[6][l];
@@ -250,11 +259,8 @@ SBI_FORCE_INLINE void sbi_batch_deformation(const sb_real (*SB_RESTRICT d)[SB_PO
                                             const sb_real (*SB_RESTRICT g)[SB_POLAR_LANES], const int n, const int rest,
                                             sb_real (*SB_RESTRICT f)[SB_POLAR_LANES])
 {
-    for (int k = 0; k < 9; k++)
-        for (int l = 0; l < SB_POLAR_LANES; l++)
-            f[k][l] = k % 4 == 0 ? (sb_real)rest : (sb_real)0;
     for (int i = 0; i < 3; i++)
-        sbi_batch_deform_row(d, g, n, i, f + 3 * i);
+        sbi_batch_deform_row(d, g, n, rest, i, f + 3 * i);
 }
 
 /* Stress w P = 2 w mu (F - R) + w lambda (tr(R^T F) - 3) R, in place of F. */
@@ -658,14 +664,15 @@ SBI_FORCE_INLINE void sbi_batch_multiply_cells(const sbi_assembly *assembly, con
 {
     sbi_batch_rows f[9], r[9];
     sbi_batch_gather(assembly->domain, batch, x, n, d);
-    memset(sum, 0, 3 * (size_t)(n - 1) * sizeof sum[0]);
+    if (q > 1)
+        memset(sum, 0, 3 * (size_t)(n - 1) * sizeof sum[0]);
     for (int p = 0; p < q; p++) {
         const sb_real *moduli = sbi_batch_moduli_at(assembly, batch, p, q);
         sb_real *g = sbi_batch_gradients_at(assembly, batch, p, n, q);
         sbi_batch_rotations(assembly, batch, p, q, r);
         sbi_batch_deformation(SBI_BATCH_ROWS(d), SBI_BATCH_ROWS(g), n, 0, f);
         sbi_batch_stress_change(SBI_BATCH_ROWS(r), moduli, moduli + SB_POLAR_LANES, f);
-        sbi_batch_apply(SBI_BATCH_ROWS(f), SBI_BATCH_ROWS(g), n, 1, sum);
+        sbi_batch_apply(SBI_BATCH_ROWS(f), SBI_BATCH_ROWS(g), n, q > 1, sum);
     }
     sbi_batch_scatter(assembly->domain, batch, SBI_BATCH_ROWS(sum), n, y);
 }
@@ -692,6 +699,52 @@ SBI_API void sbi_batch_multiply(const sbi_assembly *assembly, const sb_vec3 *x, 
             sbi_batch_multiply_clouds(assembly, x, y, batch);
         else
             sbi_batch_multiply_tets(assembly, x, y, batch);
+}
+
+/* ---- work without a matrix ---- */
+
+/* work = dF : C dF of each lane, C that of sbi_batch_stress_change: with e = sym(R^T dF), lambda tr(e)^2 + 2 mu e : e.
+ */
+SBI_FORCE_INLINE void sbi_batch_work_change(const sb_real (*SB_RESTRICT r)[SB_POLAR_LANES],
+                                            const sb_real *SB_RESTRICT lambda, const sb_real *SB_RESTRICT mu,
+                                            const sb_real (*SB_RESTRICT f)[SB_POLAR_LANES], sb_real *SB_RESTRICT work)
+{
+    sb_real b[9][SB_POLAR_LANES];
+    for (int j = 0; j < 3; j++) /* R^T dF */
+        for (int l = 0; l < SB_POLAR_LANES; l++) {
+            sb_real f0 = f[j][l], f1 = f[3 + j][l], f2 = f[6 + j][l];
+            b[j][l] = r[0][l] * f0 + r[3][l] * f1 + r[6][l] * f2;
+            b[3 + j][l] = r[1][l] * f0 + r[4][l] * f1 + r[7][l] * f2;
+            b[6 + j][l] = r[2][l] * f0 + r[5][l] * f1 + r[8][l] * f2;
+        }
+    for (int l = 0; l < SB_POLAR_LANES; l++) {
+        sb_real xy = b[1][l] + b[3][l], xz = b[2][l] + b[6][l], yz = b[5][l] + b[7][l];
+        work[l] = xy * xy + xz * xz + yz * yz;
+    }
+    for (int l = 0; l < SB_POLAR_LANES; l++) {
+        sb_real xx = b[0][l], yy = b[4][l], zz = b[8][l], trace = xx + yy + zz;
+        work[l] = lambda[l] * (trace * trace) + mu[l] * (2 * (xx * xx + yy * yy + zz * zz) + work[l]);
+    }
+}
+
+SBI_API sb_real sbi_batch_work(const sbi_assembly *assembly, const sb_vec3 *x, int begin, int end)
+{
+    const int n = 4;
+    sb_real sum = 0;
+    for (int first = begin; first < end; first += SB_POLAR_LANES) {
+        int batch = first / SB_POLAR_LANES, count = sbi_min_int(SB_POLAR_LANES, end - first);
+        const sb_real *moduli = sbi_batch_moduli_at(assembly, batch, 0, 1);
+        sb_real *g = sbi_batch_gradients_at(assembly, batch, 0, n, 1);
+        sbi_batch_rows d[9], f[9], r[9];
+        sb_real work[SB_POLAR_LANES];
+        sbi_batch_gather(assembly->domain, batch, x, n, d);
+        sbi_batch_rotations(assembly, batch, 0, 1, r);
+        sbi_batch_deformation(SBI_BATCH_ROWS(d), SBI_BATCH_ROWS(g), n, 0, f);
+        sbi_batch_work_change(SBI_BATCH_ROWS(r), moduli, moduli + SB_POLAR_LANES, SBI_BATCH_ROWS(f), work);
+        for (int l = 0; l < count; l++) /* lanes beyond the last cell repeat it */
+            sum += sbi_domain_is_free(assembly->domain, first + l) ? 0 : work[l];
+    }
+    return sum;
 }
 
 /* ---- tangent: rotated gradients ---- */
