@@ -10,16 +10,17 @@
  * or straining it changes nothing of this.
  *
  * ```c fragment
- * sb_heat_def def = sb_default_heat_def(); // liver at 310.15 K
- * sb_heat *heat;
- * int tip;
- * def.stiffening = 4; // dead tissue is five times as stiff
- * if (sb_heat_create(body, &def, &heat, &error) == SB_OK &&
- *     sb_heat_add_source(heat, sb_v3(0.02, 0, 0), sb_v3(0.04, 0, 0), 0.002, 30, &tip, &error) == SB_OK)
+ * sb_heat_def warm = sb_default_heat_def(); // liver at 310.15 K
+ * sb_heat *heat = NULL;
+ * sb_vec3 tip = sb_v3((sb_real)0.02, 0, 0), shaft = sb_v3((sb_real)0.04, 0, 0);
+ * int id;
+ * warm.stiffening = 4; // dead tissue is five times as stiff
+ * if (sb_heat_create(body, &warm, &heat, &error) == SB_OK &&
+ *     sb_heat_add_source(heat, tip, shaft, (sb_real)0.002, 30, &id, &error) == SB_OK)
  *     for (int k = 0; k < 1200; k++) // 30 W for ten minutes
- *         if (sb_heat_step(heat, 0.5, NULL, &error) != SB_OK)
+ *         if (sb_heat_step(heat, (sb_real)0.5, NULL, &error) != SB_OK)
  *             break;
- * printf("%.1f ml are dead\n", 1e6 * sb_heat_dead_volume(heat));
+ * printf("%.1f ml are dead\n", 1e6 * (double)sb_heat_dead_volume(heat));
  * sb_heat_destroy(heat);
  * ```
  *
