@@ -90,7 +90,8 @@ static int make_scene(work *w)
     def.damping_stiffness = REAL(0.02);
     status = cut_scene_make(&w->c, &def, s->cut.lattice, SB_CUT_LAG, 0);
     if (!status)
-        status = cut_scene_hold_below(&w->c, (double)o->low.x, (double)o->high.x);
+        status =
+            cut_scene_hold_below(&w->c, (double)o->low.x, (double)o->high.x, "has no side that looks down to lie on");
     if (status)
         return status;
     w->mass = (double)sb_body_mass(o->body);
@@ -196,7 +197,8 @@ static int make_path(work *w)
             double y = rounded(middle + reach * (pass % 2 ? 1 : -1) * (1 - 2.0 * k / (PLACES - 1)));
             sb_surface_hit hit;
             sb_vec3 tip;
-            if (!sb_surface_ray(o->skin, sb_v3(REAL(x), REAL(y), REAL(1e3)), sb_v3(0, 0, -1), SB_REAL_MAX, &hit))
+            if (!sb_surface_ray(o->skin, sb_v3(REAL(x), REAL(y), 2 * o->high.z - o->low.z), sb_v3(0, 0, -1),
+                                SB_REAL_MAX, &hit))
                 continue;
             tip = sb_v3(REAL(x), REAL(y),
                         REAL(rounded((double)hit.point.z - s->radius * (0.5 + s->passes_apart * pass))));

@@ -38,6 +38,7 @@ typedef struct cut_run {
     double *way, *across, *along, *work, *area; /* [frames] mm, N, N, J, mm^2; of scissors way is the angle (degrees)
                                                  * and across the moment of closing (mN m) */
     int frames;
+    double owed; /* at the end (J) */
 } cut_run;
 
 static int complain(const char *about, const char *what, int status)
@@ -146,6 +147,7 @@ static void note_frame(const settings *set, cut_run *run, int i, double step, co
     run->along[i] = set->scissors ? 0 : (double)info->force.y;
     run->work[i] = before + (double)info->work;
     run->area[i] = area + 1e6 * (double)info->released_area;
+    run->owed = (double)info->owed;
 }
 
 static int cut_through(const settings *set, cut_run *run)
@@ -231,9 +233,9 @@ static void print_summary(const settings *set, const cut_run *runs, int count)
         const cut_run *r = runs + k;
         int last = r->frames - 1;
         double area = 1e-6 * r->area[last];
-        printf("%-11s J_c %g J/m2: %.3f %s at most, %.4f J for %.0f mm2, %.1f J/m2\n", r->name, r->toughness,
-               highest(r->across, r->frames), set->scissors ? "mN m" : "N across the edge", r->work[last],
-               r->area[last], area > 0 ? r->work[last] / area : 0);
+        printf("%-11s J_c %g J/m2: %.3f %s at most, %.4f J for %.0f mm2, %.1f J/m2 with %.4f J not felt yet\n", r->name,
+               r->toughness, highest(r->across, r->frames), set->scissors ? "mN m" : "N across the edge", r->work[last],
+               r->area[last], area > 0 ? (r->work[last] + r->owed) / area : 0, r->owed);
     }
     printf("written     %s.csv, %s.svg\n", set->out, set->out);
     printf("most=%.3f work_J=%.5f area_mm2=%.1f frames=%d\n", highest(runs[0].across, runs[0].frames),

@@ -97,7 +97,8 @@ static int make_scene(work *w)
     def.damping_stiffness = REAL(0.02);
     status = cut_scene_make(&w->c, &def, s->cut.lattice, cut_settings_front(&s->cut), MOST_STROKES);
     if (!status)
-        status = cut_scene_hold_below(&w->c, middle - half, middle + half);
+        status = cut_scene_hold_below(&w->c, middle - half, middle + half,
+                                      "has no node on its underside in the middle to lie on (try a wider --ridge)");
     if (status)
         return status;
     options.tolerance = REAL(1e-4);
@@ -233,14 +234,15 @@ static int read_strokes(work *w)
 static double rounded(double x) { return floor(1e6 * x + 0.5) / 1e6; }
 
 /* The skin above and below (x, y), where the organ is now; 0: nothing is there. */
-static int look_through(const sb_surface *skin, double x, double y, double *bottom, double *top)
+static int look_through(const sb_surface *skin, const sb_mesh *now, double x, double y, double *bottom, double *top)
 {
-    const double far_off = 1e3; /* m */
+    sb_vec3 low, high;
     sb_surface_hit hit;
-    if (!sb_surface_ray(skin, sb_v3(REAL(x), REAL(y), REAL(far_off)), sb_v3(0, 0, -1), SB_REAL_MAX, &hit))
+    sb_mesh_bounds(now, &low, &high);
+    if (!sb_surface_ray(skin, sb_v3(REAL(x), REAL(y), 2 * high.z - low.z), sb_v3(0, 0, -1), SB_REAL_MAX, &hit))
         return 0;
     *top = (double)hit.point.z;
-    if (!sb_surface_ray(skin, sb_v3(REAL(x), REAL(y), REAL(-far_off)), sb_v3(0, 0, 1), SB_REAL_MAX, &hit))
+    if (!sb_surface_ray(skin, sb_v3(REAL(x), REAL(y), 2 * low.z - high.z), sb_v3(0, 0, 1), SB_REAL_MAX, &hit))
         return 0;
     *bottom = (double)hit.point.z;
     return 1;
@@ -273,7 +275,7 @@ static int make_stroke(work *w)
     for (int k = 0; k < PLACES; k++) {
         double bottom, top;
         ys[k] = (double)low.y - margin + k * way / (PLACES - 1);
-        if (!look_through(skin, x, ys[k], &bottom, &top))
+        if (!look_through(skin, &now, x, ys[k], &bottom, &top))
             continue;
         tips[k] = s->depth < 1 ? top - s->depth * (top - bottom) : (double)low.z - clear;
         heel = first < 0 ? top : fmax(heel, top);

@@ -162,7 +162,7 @@ static inline int cut_scene_part_of(const cut_scene *c, const sb_cut_drawing *d,
 }
 
 /* Holds the nodes of faces that look down between two heights of x. */
-static inline int cut_scene_hold_below(cut_scene *c, double from, double to)
+static inline int cut_scene_hold_below(cut_scene *c, double from, double to, const char *none)
 {
     const organ *o = &c->scene;
     const sb_mesh *surface = &o->boundary.surface;
@@ -182,7 +182,7 @@ static inline int cut_scene_hold_below(cut_scene *c, double from, double to)
             held++;
         }
     }
-    return held ? 0 : organ_complain(o, "the organ", "has no side that looks down to lie on there", ORGAN_USAGE);
+    return held ? 0 : organ_complain(o, "the organ", none, ORGAN_USAGE);
 }
 
 /* ---- pictures -------------------------------------------------------------------------------------------------- */

@@ -86,6 +86,17 @@ typedef struct fine_rims {
     double longest; /* edge (m) */
 } fine_rims;
 
+/* The part that a cell belongs to; -1: it is a film, and so is all beside it. */
+static inline int fine_part_of(const sb_body *body, int cell)
+{
+    int part = -1;
+    for (int a = 0; a < 4; a++) {
+        int of_node = body->node_component[sb_body_cell_nodes(body, cell)[a]]; /* -1: of films alone */
+        part = of_node > part ? of_node : part;
+    }
+    return part;
+}
+
 static inline void fine_rims_add(fine_rims *rims, const sb_cut *cut, const sb_cut_fine *fine)
 {
     const sb_body *body = cut->body;
@@ -101,8 +112,8 @@ static inline void fine_rims_add(fine_rims *rims, const sb_cut *cut, const sb_cu
         for (int k = 0; k < 3; k++) {
             const sbi_fine_place *p = fine->now.places + v[k], *q = fine->now.places + v[(k + 1) % 3];
             apart |= sbi_fine_are_apart(cut, p, q);
-            between |= body->node_component[sb_body_cell_nodes(body, p->cell)[0]] !=
-                       body->node_component[sb_body_cell_nodes(body, q->cell)[0]];
+            between |= fine_part_of(body, p->cell) >= 0 && fine_part_of(body, q->cell) >= 0 &&
+                       fine_part_of(body, p->cell) != fine_part_of(body, q->cell);
             rims->longest = fmax(rims->longest, (double)sb_v3_norm(sb_v3_sub(d.rest[v[k]], d.rest[v[(k + 1) % 3]])));
         }
         rims->triangles++;

@@ -23,6 +23,7 @@ typedef struct effort {
     double work, along; /* as info says; forces times ways (J) */
     double area;        /* freed (m^2) */
     double most;        /* force (N) */
+    double owed;        /* at the end (J) */
 } effort;
 
 /* Moves an edge of two corners by `by` and adds up what that did. */
@@ -39,6 +40,8 @@ static sb_cut_info move_by(block *b, int stroke, sb_vec3 edge[2], sb_vec3 by, ef
     sum->along -= (double)sb_v3_dot(info.force, by);
     sum->area += (double)info.released_area;
     sum->most = fmax(sum->most, (double)sb_v3_norm(info.force));
+    sum->owed = (double)info.owed;
+    CHECK_NEAR(sum->work + sum->owed, (double)b->cut->toughness * sum->area, scene_tolerance(1e-11, 1e4) * sum->work);
     return info;
 }
 
@@ -48,7 +51,7 @@ static sb_cut_info move_by(block *b, int stroke, sb_vec3 edge[2], sb_vec3 by, ef
 static effort through(block *b, int frames, double slice)
 {
     sb_vec3 edge[2], by = sb_v3(0, REAL(-0.07 / frames * slice), REAL(-0.07 / frames));
-    effort sum = {0, 0, 0, 0};
+    effort sum = {0, 0, 0, 0, 0};
     int stroke = -1;
     edge[0] = sb_v3(REAL(0.0307), REAL(-0.01), REAL(0.06));
     edge[1] = sb_v3(REAL(0.0301), REAL(0.051 + 0.08 * slice), REAL(0.06));
@@ -102,7 +105,7 @@ static void test_slice(void)
         double xi = slices[k];
         block b = tough_block(2, SB_CUT_GLUE, 200);
         sb_vec3 edge[2], by = sb_v3(0, REAL(-0.03 * xi), REAL(-0.03));
-        effort sum = {0, 0, 0, 0};
+        effort sum = {0, 0, 0, 0, 0};
         sb_cut_info info;
         int stroke = -1;
         edge[0] = sb_v3(REAL(0.0307), REAL(-0.01), REAL(0.0501));
@@ -226,7 +229,7 @@ static double check_explicit(int round, unsigned long long *seed)
 {
     block_options options = block_default(intervals_of[round % 3]);
     blade of = blade_random(seed);
-    double dt = exp(check_random_in(seed, log(2e-4), log(0.02))), work = 0, most = 0;
+    double dt = exp(check_random_in(seed, log(2e-4), log(0.02))), work = 0, area = 0, most = 0;
     sb_energy energy;
     int stroke;
     block b;
@@ -243,6 +246,8 @@ static double check_explicit(int round, unsigned long long *seed)
         if (!CHECK_OK(sb_body_step(b.body, REAL(dt), &of_step)))
             printf("round %d, move %d: %s\n", round, i, of_step.error.message);
         work += (double)info.work;
+        area += (double)info.released_area;
+        CHECK_NEAR(work + (double)info.owed, options.toughness * area, scene_tolerance(1e-11, 1e4) * work);
         CHECK_OK(sb_body_energy(b.body, &energy));
         most = fmax(most, work > 0 ? (double)(energy.kinetic + energy.elastic) / work : 0);
     }
@@ -343,7 +348,7 @@ static void check_giving(double young, double toughness, double speed, double dt
 {
     const double top = 0.05, clear = 0.002, drag = toughness / (young * h);
     block_options options = block_default(2);
-    effort sum = {0, 0, 0, 0};
+    effort sum = {0, 0, 0, 0, 0};
     sb_vec3 edge[2], by = sb_v3(0, 0, REAL(-speed * dt));
     double mean = 0, worst = 0;
     int stroke = -1, frames = (int)((clear + 0.75 * top) / (speed * dt)), counted = 0;

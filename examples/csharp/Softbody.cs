@@ -1761,6 +1761,7 @@ public unsafe struct sb_cut_info
     public sb_vec3 force;
     public sb_vec3 torque;
     public double work;
+    public double owed;
 }
 [StructLayout(LayoutKind.Sequential)]
 public unsafe struct sb_tear_options

@@ -1602,6 +1602,7 @@ sb_cut_info._fields_ = [
     ("force", sb_vec3),
     ("torque", sb_vec3),
     ("work", c_double),
+    ("owed", c_double),
 ]
 sb_tear_options._fields_ = [
     ("nucleate", c_int),

@@ -59,12 +59,11 @@
  *   its way past the tissue (Atkins, Xu and Jeronimidis 2004), so that slicing takes less force than pushing. Each
  *   triangle of lips is paid for evenly while the blade goes past it by half a mean element, or by 4 J_c / (3 mu) where
  *   that is more, 2 elements at most, so that forces stay what they are however short the frames, and sums over a
- *   stroke are exact once it has gone on by that; what is owed at its end is not felt. The tissue feels the opposite
- *   in the next time step: force and moment of what blade and body feel sum to 0, but for light tissue that would
- *   get ahead of the blade in an implicit step, which feels as much less as keeps it from that. A blade that goes on
+ *   stroke are exact once it has gone on by that; what is owed at its end (sb_cut_info.owed) is not felt. The tissue
+ *   feels the opposite in the next time step: force and moment of what blade and body feel sum to 0, but for light
+ *   tissue that would get ahead of the blade, which feels as much less as keeps it from that. A blade that goes on
  *   through tissue that gives way feels J_c w, and up to 1 + 0.8 J_c / (E h) times that where elements of size h are
- *   soft beside their
- *   toughness; energy is never made. Triangles (sb_cut_triangles) have no way and no force.
+ *   soft beside their toughness; energy is never made. Triangles (sb_cut_triangles) have no way and no force.
  * - States and recordings of the body hold its cuts: the sb_cut is a part of both, with its strokes. A state that was
  *   saved with one is loaded into a body that has one of the same mesh, lattice, front, glue, toughness and
  *   max_strokes, whatever was cut there meanwhile, and takes cuts back that it does not have. A recording plays on a
@@ -80,6 +79,8 @@
  * - Needles in hyperelastic tissue that is cut ring under Newmark: cut under SB_EULER or SB_GENERALISED_ALPHA. Where
  *   light pieces of it are crushed steps are divided, and cost as much more; where that does not help they are refused
  *   (SB_ERROR_DIVERGED, SB_ERROR_INVERTED).
+ * - A cut exactly along the body's boundary parts the nodes that lie in it from the material, with what holds them: a
+ *   body that is held there alone is loose then.
  * - Blades that go exactly through nodes while the tissue moves may leave such a node between both sides; strokes along
  *   the edge of a body may leave crumbs there of a lattice point or two.
  * - Lengths are resolved to 8e-9 of the box around the body; where its parts have gone so far apart that this is more
@@ -140,12 +141,12 @@ SB_API sb_cut_def sb_default_cut_def(void);
 
 /* What a call has done. */
 typedef struct sb_cut_info {
-    int links;                         /* cut by it */
-    int ringed;                        /* of these, cut because blades had passed all around them */
-    int torn;                          /* elements torn by it */
-    int cells, nodes;                  /* made by it */
-    int parts;                         /* that the body is in now; what glue ties is in one */
-    int glued;                         /* triangles of lips that are glued now */
+    int links;        /* cut by it */
+    int ringed;       /* of these, cut because blades had passed all around them */
+    int torn;         /* elements torn by it */
+    int cells, nodes; /* made by it */
+    int parts;        /* that the body is in now, as sb_body_parts has them; what glue ties is in one */
+    int glued;        /* triangles of lips that are glued now */
     sb_real glued_area, released_area; /* of lips that are glued now, and that this call has opened: at rest (m^2) */
     sb_real released_energy; /* of the glue that it has released: what the elastic energy has lost by that (J) */
     int crumbs;              /* parts that it took out, see sb_cut_def.least_piece */
@@ -153,6 +154,8 @@ typedef struct sb_cut_info {
     sb_vec3 removed_momentum;             /* that went with it (kg m/s) */
     sb_vec3 force, torque; /* that a blade feels of def.toughness (N), about its edge's first corner (N m); of moves */
     sb_real work;          /* of that force against the blade's way (J) */
+    sb_real owed; /* by the stroke after the move: for lips that it has freed, and has not felt yet (J). All its
+                   * work so far and this sum to J_c times the area that it has freed */
 } sb_cut_info;
 
 /* Makes what cuts a body; one at a time for each body, to be destroyed before or after it. SB_ERROR_ARGUMENT,

@@ -135,7 +135,7 @@ static void sbi_cut_tell_info(const sb_cut *cut, int first, int ringed, sb_cut_i
     info->ringed = ringed;
     info->cells = cut->made_cells;
     info->nodes = cut->made_nodes;
-    info->parts = cut->body->component_count;
+    (void)sb_body_parts(cut->body, NULL, 0, &info->parts, NULL);
     info->glued = cut->glue_count;
     info->glued_area = cut->released.glued_area;
     info->released_area = cut->released.area;

@@ -230,8 +230,10 @@ SBI_API void sbi_cut_pay(const sb_cut *cut, sbi_cut_stroke *stroke, const sb_vec
         }
         sbi_cut_pay_one(cut, stroke, &lips, sb_v3_sub(nearest.own, sb_v3_sub(lips.place, debt->place)), debt, info);
         debt->place = lips.place;
-        if (debt->way > 0)
-            debts->items[kept++] = *debt;
+        if (!(debt->way > 0))
+            continue;
+        info->owed += cut->toughness * debt->area;
+        debts->items[kept++] = *debt;
     }
     debts->count = kept;
 }
