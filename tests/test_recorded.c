@@ -858,13 +858,13 @@ static int takes_body(const char *declaration)
     return 0;
 }
 
-/* Changes of the mesh, which need slack, are recorded and replayed in test_live_mesh.c, and second families of fibres,
- * which bear none, in test_fibres.c; listeners change no body, and unloading makes one. */
+/* Changes of the mesh, which need slack, are recorded and replayed in test_live_mesh.c, and what bears none, second
+ * families of fibres and heat, in test_fibres.c and test_heat.c; listeners change no body, and unloading makes one. */
 static int has_act(const char *name)
 {
-    static const char *const elsewhere[] = {"sb_body_destroy", "sb_body_create",        "sb_body_change_begin",
-                                            "sb_body_listen",  "sb_body_unlisten",      "sb_body_set_second_fibres",
-                                            "sb_body_unload",  "sb_particles_stabilise"};
+    static const char *const elsewhere[] = {"sb_body_destroy", "sb_body_create",         "sb_body_change_begin",
+                                            "sb_body_listen",  "sb_body_unlisten",       "sb_body_set_second_fibres",
+                                            "sb_body_unload",  "sb_particles_stabilise", "sb_heat_create"};
     for (int i = 0; i < ACT_COUNT; i++)
         if (strcmp(acts[i].name, name) == 0)
             return 1;
