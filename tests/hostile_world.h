@@ -38,9 +38,10 @@ typedef struct world {
     sb_tool_def tool_def;
     sb_pose tool_pose;
     sb_change_cell change_cell;
-    int pressure, springs, mapping, constraint, cable, membrane;
+    int pressure, springs, mapping, constraint, cable, membrane, cavity, open_cavity;
     sb_cable_def cable_def;
     sb_membrane_def membrane_def;
+    sb_cavity_def cavity_def;
     sb_body *plain;          /* for registration: without */
     sb_recording *recording; /* of plain */
     sb_domain domain;
@@ -341,6 +342,19 @@ static sb_membrane_def *world_membrane_def(world *w)
     return &w->membrane_def;
 }
 
+static sb_cavity_def *world_cavity_def(world *w)
+{
+    w->cavity_def = sb_default_cavity_def();
+    w->cavity_def.faces = world_face(w);
+    w->cavity_def.face_count = 1;
+    w->cavity_def.kind = SB_CAVITY_TABLE;
+    w->cavity_def.point_count = 2;
+    w->cavity_def.table_volume[0] = REAL(-1e-4);
+    w->cavity_def.table_volume[1] = REAL(1e-4);
+    w->cavity_def.table_pressure[0] = 20;
+    return &w->cavity_def;
+}
+
 static sb_body *world_body(world *w)
 {
     sb_real k = 10;
@@ -356,6 +370,9 @@ static sb_body *world_body(world *w)
     CHECK_OK(sb_body_add_mapping(w->body, world_mapping(w), &k, 1, w->mesh.nodes + 13, &w->mapping, NULL));
     CHECK_OK(sb_body_add_cable(w->body, world_cable_def(w), &w->cable, NULL));
     CHECK_OK(sb_body_add_membrane(w->body, world_membrane_def(w), &w->membrane, NULL));
+    CHECK_OK(sb_body_add_cavity(w->body, world_cavity_def(w), &w->cavity, NULL));
+    w->cavity_def.kind = SB_CAVITY_PRESSURE;
+    CHECK_OK(sb_body_add_cavity(w->body, &w->cavity_def, &w->open_cavity, NULL));
     CHECK_OK(sb_body_add_constraint(w->body, world_terms(w, 23), 2, 0, &w->constraint, NULL));
     CHECK_OK(sb_body_step(w->body, REAL(0.01), NULL));
     return w->body;

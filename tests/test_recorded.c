@@ -22,7 +22,7 @@ typedef struct actor {
     sb_body *body;
     reg_match *match; /* made before the recording; NULL where there are constraints */
     reg_nicp *nicp;
-    int free_nodes[2], pressure, springs, cable, membrane, mapping, constraint;
+    int free_nodes[2], pressure, springs, cable, membrane, cavity, open_cavity, mapping, constraint;
     void *state;
     size_t state_size;
     const char *path; /* of a state's file */
@@ -337,6 +337,32 @@ static sb_result act_add_membrane(actor *a)
 static sb_result act_membrane(actor *a)
 {
     return sb_body_set_membrane(a->body, a->membrane, REAL(0.002), 4000, REAL(1.01));
+}
+static sb_result act_add_cavity(actor *a)
+{
+    int face[4];
+    sb_cavity_def def = sb_default_cavity_def();
+    sb_result result;
+    first_face(a, face);
+    def.faces = face;
+    def.face_count = 1;
+    def.corners = sb_element_corner_count(a->boundary.surface.element_type);
+    def.kind = SB_CAVITY_PRESSURE;
+    def.pressure = 15;
+    result = sb_body_add_cavity(a->body, &def, &a->open_cavity, &a->error);
+    def.kind = SB_CAVITY_TABLE;
+    def.point_count = 2;
+    def.table_volume[0] = REAL(-1e-6);
+    def.table_volume[1] = REAL(1e-6);
+    def.table_pressure[0] = 40;
+    return result == SB_OK ? sb_body_add_cavity(a->body, &def, &a->cavity, &a->error) : result;
+}
+static sb_result act_inject(actor *a) { return sb_body_inject_cavity(a->body, a->cavity, REAL(1e-7)); }
+static sb_result act_cavity_pressure(actor *a) { return sb_body_set_cavity_pressure(a->body, a->open_cavity, 5); }
+static sb_result act_cavity_volume(actor *a)
+{
+    sb_real volume;
+    return sb_body_cavity_volume(a->body, a->cavity, &volume);
 }
 static sb_result act_add_mapping(actor *a)
 {
@@ -658,6 +684,10 @@ static const act acts[] = {
     {"sb_body_move_cable", act_move_cable, ACTOR_LOADED},
     {"sb_body_add_membrane", act_add_membrane, ACTOR_PLAIN},
     {"sb_body_set_membrane", act_membrane, ACTOR_LOADED},
+    {"sb_body_add_cavity", act_add_cavity, ACTOR_PLAIN},
+    {"sb_body_inject_cavity", act_inject, ACTOR_LOADED},
+    {"sb_body_set_cavity_pressure", act_cavity_pressure, ACTOR_LOADED},
+    {"sb_body_cavity_volume", act_cavity_volume, ACTOR_LOADED},
     {"sb_body_add_mapping", act_add_mapping, ACTOR_PLAIN},
     {"sb_body_set_mapping_targets", act_mapping_targets, ACTOR_LOADED},
     {"sb_body_set_mapping_stiffness", act_mapping_stiffness, ACTOR_LOADED},
@@ -722,6 +752,7 @@ static void set_up(actor *a, actor_kind kind)
         CHECK_OK(act_add_springs(a));
         CHECK_OK(act_add_cable(a));
         CHECK_OK(act_add_membrane(a));
+        CHECK_OK(act_add_cavity(a));
         CHECK_OK(act_add_mapping(a));
         CHECK_OK(act_constraint(a));
     }

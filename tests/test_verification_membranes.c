@@ -1,5 +1,5 @@
-/* Thin sheets on faces: strips, squares and balloons against the closed forms of incompressible neo-Hookean sheets.
- * What they lie on is a ten-millionth as stiff. */
+/* Thin sheets on faces: strips, squares and balloons against the closed forms of incompressible neo-Hookean sheets;
+ * cavities: volumes, and spheres that are filled. What sheets lie on is a ten-millionth as stiff. */
 #include "verification_scene.h"
 
 static const double shear = 1e4, thickness = 0.001;
@@ -157,7 +157,91 @@ static void test_balloon(void)
     }
 }
 
+/* ---- cavities ---- */
+
+/* A whole thick sphere of eight octants. */
+static sb_mesh whole_sphere(sb_element_type type, double inner, double outer, int across, int around)
+{
+    sb_mesh whole;
+    memset(&whole, 0, sizeof whole);
+    for (int k = 0; k < 8; k++) {
+        sb_mesh part = verify_octant(type, inner, outer, across, around);
+        for (int i = 0; i < part.node_count; i++) {
+            sb_vec3 x = part.nodes[i];
+            for (int turn = 0; turn < k % 4; turn++)
+                x = sb_v3(-x.y, x.x, x.z);
+            part.nodes[i] = k < 4 ? x : sb_v3(x.x, -x.y, -x.z);
+        }
+        verify_append(&whole, &part);
+    }
+    CHECK_OK(sb_mesh_merge_nodes(&whole, REAL(-1), NULL, NULL));
+    return whole;
+}
+
+/* A cavity of the faces on a sphere. */
+static int fill_sphere(sb_body *body, const sb_mesh *mesh, double radius, sb_cavity_kind kind)
+{
+    sb_cavity_def def = sb_default_cavity_def();
+    int *faces, id = 0;
+    def.corners = verify_face_corners(mesh);
+    def.face_count = verify_faces(mesh, verify_on_sphere, &radius, def.corners, &faces);
+    def.faces = faces;
+    def.kind = kind;
+    CHECK_OK(sb_body_add_cavity(body, &def, &id, NULL));
+    free(faces);
+    return id;
+}
+
+/* 4/3 pi a^3 of the hole in a thick sphere. */
+static void test_sphere_volume(void)
+{
+    static const double bounds[5] = {0.012, 2e-4, 0.012, 5e-4, 1e-4};
+    for (int k = 0; k < 5; k++) {
+        const double a = 0.7;
+        sb_mesh mesh = whole_sphere(verify_element_named(names[k])->type, a, 1, 1, k == 0 || k == 2 ? 6 : 3);
+        sb_body *body = verify_body(&mesh, verify_element_named(names[k]), sb_material_neo_hookean(1000, 0, 1000));
+        int id = fill_sphere(body, &mesh, a, SB_CAVITY_PRESSURE);
+        sb_real volume = 0;
+        CHECK_OK(sb_body_cavity_volume(body, id, &volume));
+        verify("hole of a thick sphere, 24 of 3x3 faces (linear 6x6)", names[k], "4/3 pi a^3", "volume (m^3)",
+               4 * VERIFY_PI / 3 * a * a * a, (double)volume, bounds[k]);
+        verify_free(body, &mesh);
+    }
+}
+
+/* A millionth of the volume more in a thick sphere: u(a) = p a / (4 mu (b^3 - a^3)) (4 mu a^3 / (3 K) + b^3). */
+static void test_filled_sphere(void)
+{
+    static const double bounds[5] = {0, 4e-3, 0, 4e-3, 0};
+    for (int k = 1; k < 4; k += 2)
+        for (int liquid = 0; liquid < 2; liquid++) {
+            const double a = 1, b = 2, young = 1000, poisson = 0.3, share = 1e-6, bulk = liquid ? 2.2e9 : 1e30;
+            const double mu = young / (2 * (1 + poisson)), modulus = young / (3 * (1 - 2 * poisson));
+            double soft = a / (4 * mu * (b * b * b - a * a * a)) * (4 * mu * a * a * a / (3 * modulus) + b * b * b);
+            sb_mesh mesh = whole_sphere(verify_element_named(names[k])->type, a, b, 2, 2);
+            sb_body *body = verify_body(&mesh, verify_element_named(names[k]),
+                                        sb_material_linear(REAL(young), REAL(poisson), 1000));
+            int id = fill_sphere(body, &mesh, a, liquid ? SB_CAVITY_LIQUID : SB_CAVITY_VOLUME);
+            sb_real before = 0, after = 0, pressure = 0;
+            verify_hold_symmetry(body, &mesh, 3);
+            CHECK_OK(sb_body_cavity_volume(body, id, &before));
+            CHECK_OK(sb_body_inject_cavity(body, id, REAL(share) * before));
+            verify_solve(body);
+            CHECK_OK(sb_body_cavity_volume(body, id, &after));
+            CHECK_OK(sb_body_cavity_pressure(body, id, &pressure));
+            verify(liquid ? "thick sphere b/a = 2 with a millionth of its water more, 24 of 2x2x2"
+                          : "thick sphere b/a = 2, hole grown by a millionth, 24 of 2x2x2",
+                   names[k], "Lame", "pressure (Pa)", share / (3 * soft / a), (double)pressure, bounds[k]);
+            verify(liquid ? "thick sphere with a millionth of its water more"
+                          : "thick sphere, hole grown by a millionth",
+                   names[k], "the law", "error of its volume, over what was injected", 0,
+                   ((double)after / (double)before - (1 + share) * (1 - (double)pressure / bulk)) / share, 1e-5);
+            verify_free(body, &mesh);
+        }
+}
+
 static void test_table(void) { verify_table("verification_membranes"); }
 
 CHECK_SUITE(verification_membranes, {"strip", test_strip}, {"biaxial", test_biaxial}, {"sheared", test_sheared},
-            {"balloon", test_balloon}, {"table", test_table});
+            {"balloon", test_balloon}, {"volume", test_sphere_volume}, {"filled", test_filled_sphere},
+            {"table", test_table});

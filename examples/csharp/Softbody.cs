@@ -218,6 +218,14 @@ public enum sb_membrane_form
     SB_MEMBRANE_WRINKLED = 1,
     SB_MEMBRANE_TAUT = 2,
 }
+public enum sb_cavity_kind
+{
+    SB_CAVITY_PRESSURE = 0,
+    SB_CAVITY_GAS = 1,
+    SB_CAVITY_LIQUID = 2,
+    SB_CAVITY_VOLUME = 3,
+    SB_CAVITY_TABLE = 4,
+}
 public enum sb_embedding_kind
 {
     SB_EMBED_SMOOTH = 0,
@@ -1297,6 +1305,21 @@ public unsafe struct sb_membrane_state
     public fixed double tension[2];
     public sb_vec3 direction;
     public sb_membrane_form form;
+}
+[StructLayout(LayoutKind.Sequential)]
+public unsafe struct sb_cavity_def
+{
+    public int* faces;
+    public int face_count;
+    public int corners;
+    public sb_cavity_kind kind;
+    public double pressure;
+    public double ambient;
+    public double exponent;
+    public double bulk;
+    public int point_count;
+    public fixed double table_volume[16];
+    public fixed double table_pressure[16];
 }
 [StructLayout(LayoutKind.Sequential)]
 public unsafe struct sb_embedding_def
@@ -2669,6 +2692,7 @@ public static unsafe class Native
     public const int SB_NODE_KEEP_X = 2;
     public const int SB_NODE_KEEP_Y = 4;
     public const int SB_NODE_KEEP_Z = 8;
+    public const int SB_MAX_CAVITY_POINTS = 16;
     public const int SB_TIE_CLOSE_GAPS = 1;
     public const int SB_TIE_ALL = 2;
     public const int SB_IDENTIFY_HIDDEN = 1;
@@ -4422,8 +4446,8 @@ public static unsafe class Native
     [DllImport(Library, CallingConvention = CallingConvention.Cdecl)]
     public static extern sb_result sb_body_mapping_points(sb_body* body, int load_id, sb_vec3* points);
     /// <summary>
-    /// Takes a pressure, springs, a mapping, a cable or a membrane away; its id is then unknown. The next static solve lets
-    /// its force fade.
+    /// Takes a pressure, springs, a mapping, a cable, a membrane or a cavity away; its id is then unknown. The next static
+    /// solve lets its force fade.
     /// </summary>
     [DllImport(Library, CallingConvention = CallingConvention.Cdecl)]
     public static extern sb_result sb_body_remove_load(sb_body* body, int load_id);
@@ -4539,6 +4563,61 @@ public static unsafe class Native
     /// </summary>
     [DllImport(Library, CallingConvention = CallingConvention.Cdecl)]
     public static extern sb_result sb_body_membrane_states(sb_body* body, int load_id, sb_membrane_state* states);
+    /// <summary>
+    /// SB_CAVITY_PRESSURE of 0, corners 3, ambient 101325, exponent 1, bulk 2.2e9; no faces.
+    /// </summary>
+    [DllImport(Library, CallingConvention = CallingConvention.Cdecl)]
+    public static extern sb_cavity_def sb_default_cavity_def();
+    /// <summary>
+    /// Adds a cavity as one load more, by whose id sb_body_load_force and sb_body_remove_load know it, too. The def is
+    /// copied. `filled`, of gas, liquid and SB_CAVITY_VOLUME, is the cavity's volume when it is added; a table is of V less
+    /// what was injected since.
+    /// - V = 1/3 int x.n over the faces, outward of the cavity, and over the lids of open rims: fans from the mean of a
+    /// rim's corner nodes, which hand the pressure on them to the rim as it follows from V. The force is p dV/dx. Where the
+    ///   faces close and the pressure is of the contents alone, it sums to 0, as does its torque.
+    /// - Its energy - int p dV is part of sb_energy.springs and of what line searches go down. The stiffness -dp/dV g g^T
+    ///   (g = dV/dx) is in every linear system, as a product, not as a block; what the turning of its faces adds is as for
+    ///   pressures, without that of lids.
+    /// - Liquid and SB_CAVITY_VOLUME: where -dp/dV is more than 100 times the body's own stiffness to growing (g.Kg /
+    /// |g|^4), solves take that, with a pressure that is corrected to the law's: static solves until the volume is that of
+    /// the law's pressure to 1e-11 of it or the tolerance of the forces shows no more; steps of SB_EULER and
+    ///   SB_GENERALISED_ALPHA once a step, so that the volume follows in a few steps. SB_NEWMARK and SB_CENTRAL_DIFFERENCE
+    ///   keep energy, and such a correction would swing without end: there the volume is some hundredth of what it grew by
+    ///   off, and what was injected at once rings. So no bulk is too stiff. Iterations of linear systems are up to 2.5
+    ///   times those with a given pressure.
+    /// - A static solve goes evenly from the pressure, `filled` and contents that the last one ended with to the present
+    ///   ones, and begins a new cavity with no pressure and filled to its present volume.
+    /// - When the mesh changes, it goes with its faces as pressures do, and rims are found anew. A face of it cannot be cut
+    ///   through (SB_ERROR_UNSUPPORTED): remove the cavity first. sb_body_modes leaves its stiffness out.
+    /// Errors, with nothing added: SB_ERROR_ARGUMENT (NULL; no faces; corners; a face that no element has, twice, or between
+    /// two elements: error-&gt;node is its first; rims that touch: error-&gt;node; a volume of gas, liquid or SB_CAVITY_VOLUME
+    /// that is not positive, as that of faces that look out of a solid; numbers or a table out of range), SB_ERROR_INDEX
+    /// (error-&gt;node), SB_ERROR_NOT_FINITE, SB_ERROR_MEMORY, SB_ERROR_UNSUPPORTED (faces of cut elements). Source: Bonet and
+    /// Wood 2008, 8.6 (pressure of enclosed volumes); Rumpel and Schweizerhof 2003 (rank-one part).
+    /// </summary>
+    [DllImport(Library, CallingConvention = CallingConvention.Cdecl)]
+    public static extern sb_result sb_body_add_cavity(sb_body* body, sb_cavity_def* def, int* load_id, sb_error* error);
+    /// <summary>
+    /// Adds volume (m^3, at the contents' own pressure; negative: takes away) to the contents, between steps, without
+    /// allocation. SB_ERROR_INDEX; SB_ERROR_ARGUMENT: of SB_CAVITY_PRESSURE, or more than there is; SB_ERROR_NOT_FINITE.
+    /// </summary>
+    [DllImport(Library, CallingConvention = CallingConvention.Cdecl)]
+    public static extern sb_result sb_body_inject_cavity(sb_body* body, int load_id, double volume);
+    /// <summary>
+    /// Of SB_CAVITY_PRESSURE. SB_ERROR_INDEX, SB_ERROR_ARGUMENT (another kind), SB_ERROR_NOT_FINITE.
+    /// </summary>
+    [DllImport(Library, CallingConvention = CallingConvention.Cdecl)]
+    public static extern sb_result sb_body_set_cavity_pressure(sb_body* body, int load_id, double pressure);
+    /// <summary>
+    /// Present volume (m^3), lids included. SB_ERROR_ARGUMENT, SB_ERROR_INDEX.
+    /// </summary>
+    [DllImport(Library, CallingConvention = CallingConvention.Cdecl)]
+    public static extern sb_result sb_body_cavity_volume(sb_body* body, int load_id, double* volume);
+    /// <summary>
+    /// Pressure (Pa) in the last step or static solve; 0 before.
+    /// </summary>
+    [DllImport(Library, CallingConvention = CallingConvention.Cdecl)]
+    public static extern sb_result sb_body_cavity_pressure(sb_body* body, int load_id, double* pressure);
     [DllImport(Library, CallingConvention = CallingConvention.Cdecl)]
     public static extern sb_embedding_def sb_default_embedding_def();
     /// <summary>

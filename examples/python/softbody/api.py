@@ -181,6 +181,12 @@ SB_NODE_KEEP_Z = 8
 SB_MEMBRANE_SLACK = 0
 SB_MEMBRANE_WRINKLED = 1
 SB_MEMBRANE_TAUT = 2
+SB_CAVITY_PRESSURE = 0
+SB_CAVITY_GAS = 1
+SB_CAVITY_LIQUID = 2
+SB_CAVITY_VOLUME = 3
+SB_CAVITY_TABLE = 4
+SB_MAX_CAVITY_POINTS = 16
 SB_EMBED_SMOOTH = 0
 SB_EMBED_PLAIN = 1
 SB_EMBEDDED_INSIDE = 0
@@ -416,6 +422,7 @@ class sb_body_listener(Structure): pass
 class sb_cable_def(Structure): pass
 class sb_membrane_def(Structure): pass
 class sb_membrane_state(Structure): pass
+class sb_cavity_def(Structure): pass
 class sb_embedding_def(Structure): pass
 class sb_embedding(Structure): pass
 class sb_embedding_report(Structure): pass
@@ -1219,6 +1226,19 @@ sb_membrane_state._fields_ = [
     ("tension", c_double * 2),
     ("direction", sb_vec3),
     ("form", c_int),
+]
+sb_cavity_def._fields_ = [
+    ("faces", POINTER(c_int)),
+    ("face_count", c_int),
+    ("corners", c_int),
+    ("kind", c_int),
+    ("pressure", c_double),
+    ("ambient", c_double),
+    ("exponent", c_double),
+    ("bulk", c_double),
+    ("point_count", c_int),
+    ("table_volume", c_double * 16),
+    ("table_pressure", c_double * 16),
 ]
 sb_embedding_def._fields_ = [
     ("mesh", POINTER(sb_mesh)),
@@ -2628,6 +2648,12 @@ FUNCTIONS = {  # name: (what it returns, parameters)
     "sb_body_set_membrane": (c_int, (POINTER(sb_body), c_int, c_double, c_double, c_double, )),
     "sb_body_membrane_faces": (c_int, (POINTER(sb_body), c_int, POINTER(c_int), POINTER(c_int), )),
     "sb_body_membrane_states": (c_int, (POINTER(sb_body), c_int, POINTER(sb_membrane_state), )),
+    "sb_default_cavity_def": (sb_cavity_def, ()),
+    "sb_body_add_cavity": (c_int, (POINTER(sb_body), POINTER(sb_cavity_def), POINTER(c_int), POINTER(sb_error), )),
+    "sb_body_inject_cavity": (c_int, (POINTER(sb_body), c_int, c_double, )),
+    "sb_body_set_cavity_pressure": (c_int, (POINTER(sb_body), c_int, c_double, )),
+    "sb_body_cavity_volume": (c_int, (POINTER(sb_body), c_int, POINTER(c_double), )),
+    "sb_body_cavity_pressure": (c_int, (POINTER(sb_body), c_int, POINTER(c_double), )),
     "sb_default_embedding_def": (sb_embedding_def, ()),
     "sb_embedding_create": (c_int, (POINTER(sb_embedding_def), POINTER(POINTER(sb_embedding)), POINTER(sb_error), )),
     "sb_embedding_destroy": (None, (POINTER(sb_embedding), )),
@@ -3174,7 +3200,7 @@ DOCUMENTATION = {
     'sb_body_add_springs': 'Springs of rest length 0 from nodes[count] to points in space points[count] (m): each pulls its node with\nstiffness (point - position). stiffness: N/m, >= 0, one for each spring, or one for all when uniform is 1.\nSB_ERROR_INDEX: a node out of range or of no element.',
     'sb_body_add_mapping': "Penalty displacements: draws each row of the mapping to targets[row_count] (m, in space) with stiffness[row_count]\n(N/m, >= 0; one for all when uniform is 1): f = -H k (H^T x - y), K = H k H^T. A row that couples nodes without a\ncommon element enlarges the body's tangent: its matrix and preconditioner are then made anew, and blocks grow with\nthe square of the row's length. SB_ERROR_ARGUMENT (an empty or descending row), SB_ERROR_INDEX (a node out of range,\nor one of no element whose weight is not 0) and SB_ERROR_NOT_FINITE name the row (error->element) or its node.\nSource: Robin condition through a mapping.",
     'sb_body_mapping_points': 'Where the rows are now (m): points[row_count].',
-    'sb_body_remove_load': 'Takes a pressure, springs, a mapping, a cable or a membrane away; its id is then unknown. The next static solve lets\nits force fade.',
+    'sb_body_remove_load': 'Takes a pressure, springs, a mapping, a cable, a membrane or a cavity away; its id is then unknown. The next static\nsolve lets its force fade.',
     'sb_body_load_force': 'Net force (N) of a load on the body, and its torque (N m) about a point (m); either place may be NULL.',
     'sb_body_spring_forces': 'Force (N) of each spring on its node, forces[count], and of each row on the body, forces[row_count].',
     'sb_body_add_cable': "Adds a cable as one load more, by whose id sb_body_load_force (of what it does to the body) and sb_body_remove_load\nknow it, too. The def and its arrays are copied.\n- Forces come from the energy stiffness rest_length (e^2/2 - toe e/2 + toe^2/6), e = length / rest_length - 1, past\nthe toe, and stiffness rest_length e^3 / (6 toe) within it; a slack cable has none at all. Statics, and steps of\n  several Newton iterations, find the balance with it; a linearised step (max_newton 1) takes what it is at the start\n  and its stiffness there: a cable that goes taut or slack within the step does so in the next one.\n- The stiffness is positive semidefinite and part of every tangent: a stiff cable is safe at any dt. Under pressure a\n  rod (pushes) buckles where exact tangents are asked for; others leave that part out.\n- A static solve goes evenly from the rest length, stiffness and places that the last one ended with to the present\n  ones, and starts a new cable from no tension. It takes a cable as something that holds its length; where cables\n  alone hold a body and are slack at first, give it more load steps, or a support.\n- Explicit steps are bounded by the stiffness of all cables, slack ones too.\n- When the mesh changes, points go with their nodes and their material as rows of mappings do: to heirs of nodes\n  that go, to the cell that has their material. Points in space stay.\nErrors, with nothing added: SB_ERROR_ARGUMENT (NULL; fewer than 2 points; none of the body; a stiffness or toe strain\nbelow 0; rest_length below 0, or 0 where all points lie on one place; a point without a place, or whose weights do\nnot sum to 1), SB_ERROR_INDEX (a node out of range, or of no element), SB_ERROR_NOT_FINITE, SB_ERROR_MEMORY;\nerror->element names the point. Points without a common element enlarge the body's tangent as those of a mapping's\nrow do.\nSource: Blemker and Delp 2005 (paths that slide), Weiss et al. 1996 (toe of ligaments).",
@@ -3188,6 +3214,12 @@ DOCUMENTATION = {
     'sb_body_set_membrane': 'Changes between steps, without allocation; ranges and errors as above, SB_ERROR_INDEX: no membrane has this id.',
     'sb_body_membrane_faces': 'Faces that a membrane has now (a change of the mesh may divide them), and their corner nodes, corners[count][corners]\nas its def had them; either may be NULL. SB_ERROR_ARGUMENT, SB_ERROR_INDEX.',
     'sb_body_membrane_states': 'states[count] at the present shape; no allocation. SB_ERROR_ARGUMENT, SB_ERROR_INDEX.',
+    'sb_default_cavity_def': 'SB_CAVITY_PRESSURE of 0, corners 3, ambient 101325, exponent 1, bulk 2.2e9; no faces.',
+    'sb_body_add_cavity': "Adds a cavity as one load more, by whose id sb_body_load_force and sb_body_remove_load know it, too. The def is\ncopied. `filled`, of gas, liquid and SB_CAVITY_VOLUME, is the cavity's volume when it is added; a table is of V less\nwhat was injected since.\n- V = 1/3 int x.n over the faces, outward of the cavity, and over the lids of open rims: fans from the mean of a\nrim's corner nodes, which hand the pressure on them to the rim as it follows from V. The force is p dV/dx. Where the\n  faces close and the pressure is of the contents alone, it sums to 0, as does its torque.\n- Its energy - int p dV is part of sb_energy.springs and of what line searches go down. The stiffness -dp/dV g g^T\n  (g = dV/dx) is in every linear system, as a product, not as a block; what the turning of its faces adds is as for\n  pressures, without that of lids.\n- Liquid and SB_CAVITY_VOLUME: where -dp/dV is more than 100 times the body's own stiffness to growing (g.Kg /\n|g|^4), solves take that, with a pressure that is corrected to the law's: static solves until the volume is that of\nthe law's pressure to 1e-11 of it or the tolerance of the forces shows no more; steps of SB_EULER and\n  SB_GENERALISED_ALPHA once a step, so that the volume follows in a few steps. SB_NEWMARK and SB_CENTRAL_DIFFERENCE\n  keep energy, and such a correction would swing without end: there the volume is some hundredth of what it grew by\n  off, and what was injected at once rings. So no bulk is too stiff. Iterations of linear systems are up to 2.5\n  times those with a given pressure.\n- A static solve goes evenly from the pressure, `filled` and contents that the last one ended with to the present\n  ones, and begins a new cavity with no pressure and filled to its present volume.\n- When the mesh changes, it goes with its faces as pressures do, and rims are found anew. A face of it cannot be cut\n  through (SB_ERROR_UNSUPPORTED): remove the cavity first. sb_body_modes leaves its stiffness out.\nErrors, with nothing added: SB_ERROR_ARGUMENT (NULL; no faces; corners; a face that no element has, twice, or between\ntwo elements: error->node is its first; rims that touch: error->node; a volume of gas, liquid or SB_CAVITY_VOLUME\nthat is not positive, as that of faces that look out of a solid; numbers or a table out of range), SB_ERROR_INDEX\n(error->node), SB_ERROR_NOT_FINITE, SB_ERROR_MEMORY, SB_ERROR_UNSUPPORTED (faces of cut elements). Source: Bonet and\nWood 2008, 8.6 (pressure of enclosed volumes); Rumpel and Schweizerhof 2003 (rank-one part).",
+    'sb_body_inject_cavity': "Adds volume (m^3, at the contents' own pressure; negative: takes away) to the contents, between steps, without\nallocation. SB_ERROR_INDEX; SB_ERROR_ARGUMENT: of SB_CAVITY_PRESSURE, or more than there is; SB_ERROR_NOT_FINITE.",
+    'sb_body_set_cavity_pressure': 'Of SB_CAVITY_PRESSURE. SB_ERROR_INDEX, SB_ERROR_ARGUMENT (another kind), SB_ERROR_NOT_FINITE.',
+    'sb_body_cavity_volume': 'Present volume (m^3), lids included. SB_ERROR_ARGUMENT, SB_ERROR_INDEX.',
+    'sb_body_cavity_pressure': 'Pressure (Pa) in the last step or static solve; 0 before.',
     'sb_embedding_create': 'Embeds points in a mesh. SB_ERROR_ARGUMENT (a field out of range, a point beyond max_distance: error->node),\nSB_ERROR_NOT_FINITE (error->node: the point), SB_ERROR_UNSUPPORTED for custom elements, what sb_mesh_validate says of\nthe mesh, SB_ERROR_INDEX for the surface, SB_ERROR_MEMORY; *embedding is then untouched. Copies what it keeps. About\n2 microseconds for each point of a tet mesh on one thread; the result does not depend on the threads. Release with\nsb_embedding_destroy.',
     'sb_embedding_update': "Where the points are when the nodes of the mesh are at node_positions (m), such as sb_body_positions(body):\npoints[point_count], and unless NULL unit normals[point_count]. node_positions: [node_count of\nsb_embedding_get_report], which is mesh.node_count, or the slots of the body that it follows. After a change of the\nbody's mesh (sb_body_change_commit), as needles make, the points are wrong unless the embedding follows it\n(sb_embedding_follow). Normals are\n- with a surface, of its deformed triangles (quads: corner triangles) around each point, weighted by area: those of\n  what is drawn. Zero for a point without triangles;\n- with def.normals, F^-T N of the embedding's deformation gradient F at the point: no neighbours needed, but it jumps\n  a little where F does, between elements.\nSB_ERROR_ARGUMENT for a NULL array, or normals without either source; nothing is written. Positions that are not\nfinite give points that are not. Output arrays must not overlap node_positions. Allocates nothing, but after a state\nwas loaded without memory for it (SB_ERROR_MEMORY, see sb_embedding_follow); the same bits for any number of threads;\none call at a time for each embedding. jobs: NULL for none.",
     'sb_embedding_forces': "Adds to node_forces[mesh.node_count] (N) the forces equivalent to point_forces[point_count] (N) at node_positions:\nthe exact transpose of sb_embedding_update's derivative, with the same net force and moment. What is said there of\nallocation, threads and errors holds.",

@@ -5,6 +5,7 @@
 #include "../fem/assembly.h"
 #include "body.h"
 #include "body_guest.h"
+#include "cavity.h"
 #include "elimination.h"
 #include "step_touch.h"
 
@@ -16,7 +17,8 @@ typedef enum sbi_load_kind {
     SBI_LOAD_MAPPING = 3,
     SBI_LOAD_POTENTIAL = 4,
     SBI_LOAD_CABLE = 5,
-    SBI_LOAD_MEMBRANE = 6
+    SBI_LOAD_MEMBRANE = 6,
+    SBI_LOAD_CAVITY = 7
 } sbi_load_kind;
 
 /* What a cable is made of. */
@@ -47,11 +49,44 @@ typedef struct sbi_membrane_law {
     int wrinkles;       /* 1: it does not resist being pressed together */
 } sbi_membrane_law;
 
+/* What a cavity is filled with, beside a table. */
+typedef struct sbi_cavity_law {
+    sb_cavity_kind kind;
+    sb_real pressure, ambient, exponent, bulk; /* see sb_cavity_def */
+    sb_real filled; /* m^3; of a table what was injected, and of SB_CAVITY_PRESSURE where its energy is 0 */
+    sb_real share;  /* of a table's pressure that is there: 1, less while a static solve begins */
+} sbi_cavity_law;
+
+/* How a liquid, or a volume, is held: p = pressure + stiff (V(pressure) - V), V(.) that of the law. State. */
+typedef struct sbi_cavity_hold {
+    sb_real pressure; /* Pa */
+    sb_real stiff;    /* Pa/m^3 */
+} sbi_cavity_hold;
+
+/* An edge of a rim: nodes from, at the middle (-1: none), to, the way that its lid goes round. */
+typedef struct sbi_cavity_edge {
+    int nodes[3];
+    int loop;         /* number of its rim */
+    sb_vec3 share[3]; /* of dV/dx (m^2) */
+} sbi_cavity_edge;
+
+typedef struct sbi_cavity {
+    sbi_cavity_law law, balanced;
+    int point_count;
+    sb_real table_volume[SB_MAX_CAVITY_POINTS], table_pressure[SB_MAX_CAVITY_POINTS];
+    sbi_cavity_hold hold, saved, kept; /* now, at the start of a step, and of a load increment */
+    sb_real read;                      /* Pa, in the last solve */
+    int rim_count;
+    sbi_cavity_edge *rim;           /* [rim_count] or NULL: closed; each rim is a run of them */
+    sb_vec3 *share;                 /* [row_start[row_count]] of dV/dx (m^2), as it was laid last, like: */
+    double volume, pressure, stiff; /* m^3, Pa, -dp/dV (Pa/m^3) */
+} sbi_cavity;
+
 /* A load that follows the body (see load.h). Springs are a mapping with one node of weight 1 in each row; a pressure's
  * rows are the nodes of its faces. A potential has rows without targets, whose owner fills force, stiffness and lines
  * (see body_guest.h); it is in the list only while a solve has it. A cable's rows are its points, in order, with no
  * stiffness; one in space is a row of one weight, 0, and its place is its target. A membrane's rows are those of a
- * pressure. State: stiffness, target, pressure,
+ * pressure, as are those of a cavity. State: stiffness, target, pressure,
  * their balanced twins, balanced, force, net. */
 typedef struct sbi_load {
     sbi_load_kind kind;
@@ -83,15 +118,16 @@ typedef struct sbi_load {
     /* of a cable */
     sbi_cable_law cable, balanced_cable;
     sb_real tension;      /* N, in the last solve */
-    double curved_energy; /* J, of a cable or membrane, where that ended */
+    double curved_energy; /* J, of a cable, membrane or cavity, where that ended */
     sbi_cable_lie lie;
     sbi_membrane_law membrane, balanced_membrane; /* of a membrane */
+    sbi_cavity cavity;                            /* of a cavity */
 } sbi_load;
 
 /* 1: its rows are faces. */
 SB_INLINE int sbi_load_has_faces(const sbi_load *load)
 {
-    return load->kind == SBI_LOAD_PRESSURE || load->kind == SBI_LOAD_MEMBRANE;
+    return load->kind == SBI_LOAD_PRESSURE || load->kind == SBI_LOAD_MEMBRANE || load->kind == SBI_LOAD_CAVITY;
 }
 
 /* A traction on a face, or on a piece's part of it. */
@@ -174,6 +210,9 @@ typedef enum sbi_command_code {
     SBI_COMMAND_KEEP_TANGENT = 40, /* reals: angle */
     SBI_COMMAND_ADD_MEMBRANE = 41, /* a: corners, b: 1 when it wrinkles; ints: faces; reals: as below */
     SBI_COMMAND_MEMBRANE = 42,     /* a: load; reals: thickness, shear modulus, prestretch */
+    SBI_COMMAND_ADD_CAVITY = 43, /* a: corners, b: kind; ints: faces; reals: pressure, ambient, exponent, bulk, then of
+                                  * a table volumes, pressures */
+    SBI_COMMAND_CAVITY = 44,     /* a: load; reals: pressure, filled */
     SBI_COMMAND_COUNT
 } sbi_command_code;
 

@@ -2,6 +2,7 @@
 #include "body.h"
 #include "body_private.h"
 #include "cable_law.h"
+#include "cavity_law.h"
 #include "membrane_law.h"
 #include "live_private.h"
 #include "live_mesh.h"
@@ -121,6 +122,8 @@ static void sbi_body_reset_load(sbi_load *load)
     load->balanced_pressure = 0;
     load->tension = 0;
     load->curved_energy = 0;
+    load->cavity.hold.pressure = load->cavity.law.kind == SB_CAVITY_LIQUID ? load->cavity.law.pressure : 0;
+    load->cavity.read = 0;
     memset(load->net, 0, sizeof load->net);
     if (load->force)
         memset(load->force, 0, (size_t)load->row_count * sizeof *load->force);
@@ -167,6 +170,10 @@ static sb_real sbi_body_load_energy(const sb_body *body, sbi_load *load)
     }
     if (load->kind == SBI_LOAD_MEMBRANE)
         return (sb_real)sbi_membrane_energy(body, load, body->displacement, 1);
+    if (load->kind == SBI_LOAD_CAVITY) {
+        sbi_cavity_lay(body, load, body->displacement, 1);
+        return (sb_real)sbi_cavity_energy(load, 1);
+    }
     for (int j = 0; load->kind != SBI_LOAD_PRESSURE && j < load->row_count; j++) {
         sb_vec3 stretch = sb_v3_sub(sbi_body_row_value(load, j, body->displacement), load->target[j]);
         sum += (sb_real)0.5 * load->stiffness[j] * sb_v3_dot(stretch, stretch);

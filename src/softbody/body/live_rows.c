@@ -4,6 +4,7 @@
 #include <string.h>
 
 #include "cable_law.h"
+#include "cavity_law.h"
 #include "constraint.h"
 #include "load.h"
 
@@ -531,6 +532,25 @@ static sb_result sbi_live_carry_face(sbi_live_rows *rows, const int *nodes, int 
 
 /* ---- loads ---- */
 
+/* What a cavity has beside its faces. */
+static sb_result sbi_live_close_cavity(const sb_body *next, const sbi_load *load, sbi_load *made, sb_error *error)
+{
+    sb_vec3 *share = made->cavity.share;
+    sb_result result = SB_OK;
+    made->cavity = load->cavity;
+    made->cavity.share = share;
+    made->cavity.rim = NULL;
+    made->cavity.rim_count = 0;
+    if (made->has_parts)
+        result = sbi_fail_node(error, SB_ERROR_UNSUPPORTED, made->nodes[0],
+                               "a face of cavity %d would be cut through: remove the cavity first", load->id);
+    if (result == SB_OK)
+        result = sbi_cavity_find_rims(next, made, error);
+    if (result != SB_OK)
+        sbi_load_release(&next->allocator, made);
+    return result;
+}
+
 /* Makes the next form of a load from the rows that were gathered. */
 static sb_result sbi_live_make_load(sbi_live_rows *rows, const sbi_load *load, sbi_load *made, sb_error *error)
 {
@@ -561,7 +581,7 @@ static sb_result sbi_live_make_load(sbi_live_rows *rows, const sbi_load *load, s
     if (sbi_load_has_faces(load)) {
         memcpy(made->face_types, rows->types, (size_t)rows->rows * sizeof(sb_element_type));
         sbi_load_weigh_faces(rows->next, made);
-        return SB_OK;
+        return load->kind == SBI_LOAD_CAVITY ? sbi_live_close_cavity(rows->next, load, made, error) : SB_OK;
     }
     memcpy(made->weights, rows->weights, (size_t)rows->entries * sizeof(sb_real));
     sbi_live_carry_values(rows, load, made);

@@ -5,6 +5,7 @@
 
 #include "body_private.h"
 #include "cable_law.h"
+#include "cavity_law.h"
 #include "live_private.h"
 #include "membrane_law.h"
 
@@ -307,6 +308,8 @@ static void sbi_load_layout(sbi_load *load, int entries, size_t pairs, sbi_arena
     load->weights = (sb_real *)sbi_arena_take(arena, (size_t)entries, sizeof(sb_real));
     if (sbi_load_has_faces(load)) {
         load->face_types = (sb_element_type *)sbi_arena_take(arena, rows, sizeof(sb_element_type));
+        if (load->kind == SBI_LOAD_CAVITY)
+            load->cavity.share = (sb_vec3 *)sbi_arena_take(arena, (size_t)entries, sizeof(sb_vec3));
         return;
     }
     load->stiffness = (sb_real *)sbi_arena_take(arena, rows, sizeof(sb_real));
@@ -343,6 +346,7 @@ SBI_API sb_result sbi_load_make(const sb_allocator *allocator, sbi_load_kind kin
 SBI_API void sbi_load_release(const sb_allocator *allocator, const sbi_load *load)
 {
     sbi_free(allocator, load->line_memory);
+    sbi_free(allocator, load->cavity.rim);
     sbi_free(allocator, load->memory);
 }
 
@@ -843,6 +847,55 @@ static void sbi_body_face_tangent(const sbi_load_rule *rule, int count, const sb
         }
 }
 
+/* ---- cavities ---- */
+
+/* out += its forces; returns the square of what they are differences of (N^2). */
+static double sbi_load_add_cavity(const sb_body *body, sbi_load *load, const sb_vec3 *u, sb_real factor, sb_vec3 *out)
+{
+    double size;
+    sbi_cavity_lay(body, load, u, factor);
+    sbi_cavity_add_force(load, (sb_real)load->cavity.pressure, out);
+    size = load->cavity.stiff * load->cavity.volume;
+    return size * size * sbi_cavity_square(load);
+}
+
+/* What a face of this load presses with (Pa), where it was laid. */
+static sb_real sbi_load_face_pressure(const sbi_load *load, sb_real factor)
+{
+    return load->kind == SBI_LOAD_CAVITY ? (sb_real)load->cavity.pressure : sbi_load_pressure_at(load, factor);
+}
+
+SBI_API void sbi_loads_stiffen(sb_body *body, const sb_vec3 *u, sb_real factor, int renew, sb_real mass)
+{
+    for (int l = 0; l < body->load_count; l++)
+        if (sbi_cavity_is_stiff(body->loads + l) && (renew || body->loads[l].cavity.hold.stiff == 0)) {
+            sbi_cavity_lay(body, body->loads + l, u, factor);
+            sbi_cavity_stiffen(body, body->loads + l, factor, mass);
+        }
+}
+
+SBI_API int sbi_loads_are_stiff(const sb_body *body)
+{
+    for (int l = 0; l < body->load_count; l++)
+        if (sbi_cavity_is_stiff(body->loads + l))
+            return 1;
+    return 0;
+}
+
+SBI_API double sbi_loads_hold_volumes(sb_body *body, const sb_vec3 *u, sb_real factor)
+{
+    double most = 0;
+    for (int l = 0; l < body->load_count; l++)
+        if (sbi_cavity_is_stiff(body->loads + l)) {
+            double off;
+            sbi_cavity_lay(body, body->loads + l, u, factor);
+            off = sbi_cavity_hold_pressure(body->loads + l, factor);
+            off = off < 0 ? -off : off;
+            most = off > most ? off : most;
+        }
+    return most;
+}
+
 /* ---- all loads ---- */
 
 SBI_API const sbi_load *sbi_loads_get(const sb_body *body, int id)
@@ -933,6 +986,10 @@ SBI_API sb_real sbi_loads_force(sb_body *body, const sb_vec3 *u, sb_real factor)
             size += sbi_membrane_add_force(body, load, u, factor, body->follower);
             continue;
         }
+        if (load->kind == SBI_LOAD_CAVITY) {
+            size += sbi_load_add_cavity(body, load, u, factor, body->follower);
+            continue;
+        }
         for (int j = 0; j < load->row_count; j++) {
             const int *nodes = load->nodes + load->row_start[j];
             int count = load->row_start[j + 1] - load->row_start[j];
@@ -1014,7 +1071,9 @@ SBI_API void sbi_loads_add_tangent(sb_body *body, const sb_vec3 *u, sb_tangent_k
         sbi_load *load = body->loads + l;
         const int *blocks = load->blocks;
         sbi_load_rule rule;
-        if (load->kind == SBI_LOAD_PRESSURE && kind != SB_TANGENT_EXACT)
+        if (load->kind == SBI_LOAD_CAVITY) /* solves add what its stiffness is beside that of its faces */
+            sbi_cavity_lay(body, load, u, factor);
+        if ((load->kind == SBI_LOAD_PRESSURE || load->kind == SBI_LOAD_CAVITY) && kind != SB_TANGENT_EXACT)
             continue;
         if (load->kind == SBI_LOAD_CABLE) {
             sbi_cable_lay(body, load, u, factor);
@@ -1030,9 +1089,9 @@ SBI_API void sbi_loads_add_tangent(sb_body *body, const sb_vec3 *u, sb_tangent_k
         for (int j = 0; j < load->row_count; j++) {
             size_t count = (size_t)(load->row_start[j + 1] - load->row_start[j]);
             sb_vec3 x[SB_MAX_FACE_NODES];
-            if (load->kind == SBI_LOAD_PRESSURE) {
+            if (sbi_load_has_faces(load)) {
                 sbi_load_gather(body, load, j, u, x, &rule);
-                sbi_body_face_tangent(&rule, (int)count, x, sbi_load_pressure_at(load, factor), blocks, matrix);
+                sbi_body_face_tangent(&rule, (int)count, x, sbi_load_face_pressure(load, factor), blocks, matrix);
             } else {
                 sbi_load_row_tangent(load, j, blocks, factor, matrix);
             }
@@ -1052,6 +1111,10 @@ SBI_API void sbi_loads_add_slack(sb_body *body, const sb_vec3 *u, sb_matrix *mat
         if (load->kind == SBI_LOAD_MEMBRANE) {
             sbi_load_locate(body, load);
             sbi_membrane_add_slack(body, load, u, matrix);
+        }
+        if (load->kind == SBI_LOAD_CAVITY) {
+            sbi_cavity_lay(body, load, u, 1);
+            sbi_cavity_add_bound(load, matrix);
         }
     }
 }
@@ -1105,6 +1168,11 @@ SBI_API sbi_loads_work sbi_loads_line(sb_body *body, const sb_vec3 *u, const sb_
             work.curved += sbi_membrane_work(body, load, u, factor, du);
             continue;
         }
+        if (load->kind == SBI_LOAD_CAVITY) {
+            sbi_cavity_lay(body, load, u, factor);
+            work.curved += (sb_real)(load->cavity.pressure * sbi_cavity_growth(body, load, du));
+            continue;
+        }
         for (int j = 0; j < load->row_count; j++) {
             sb_vec3 x[SB_MAX_FACE_NODES], d[SB_MAX_FACE_NODES], way;
             if (load->kind == SBI_LOAD_PRESSURE) {
@@ -1131,6 +1199,10 @@ static double sbi_load_row_energy(const sbi_load *load, int row, const sb_vec3 *
 
 static double sbi_load_curved_energy(const sb_body *body, sbi_load *load, const sb_vec3 *u, sb_real factor)
 {
+    if (load->kind == SBI_LOAD_CAVITY) {
+        sbi_cavity_lay(body, load, u, factor);
+        return sbi_cavity_energy(load, factor);
+    }
     if (load->kind == SBI_LOAD_MEMBRANE)
         return sbi_membrane_energy(body, load, u, factor);
     if (load->kind != SBI_LOAD_CABLE)
@@ -1147,12 +1219,20 @@ SBI_API double sbi_loads_curved_energy(sb_body *body, const sb_vec3 *u, sb_real 
     return sum;
 }
 
+/* The same of loads that give no more than they were given: what cavities do is work, as that of pressures. */
+static double sbi_load_own_energy(const sb_body *body, sbi_load *load, const sb_vec3 *u)
+{
+    return load->kind == SBI_LOAD_CAVITY ? 0 : sbi_load_curved_energy(body, load, u, 1);
+}
+
 SBI_API double sbi_loads_energy(sb_body *body, const sb_vec3 *u)
 {
-    double sum = sbi_loads_curved_energy(body, u, 1);
-    for (int l = 0; l < body->load_count; l++)
+    double sum = 0;
+    for (int l = 0; l < body->load_count; l++) {
+        sum += sbi_load_own_energy(body, body->loads + l, u);
         for (int j = 0; sbi_load_has_targets(body->loads + l) && j < body->loads[l].row_count; j++)
             sum += sbi_load_row_energy(body->loads + l, j, u);
+    }
     return sum;
 }
 
@@ -1163,7 +1243,7 @@ SBI_API double sbi_loads_new_energy(sb_body *body)
     double sum = 0;
     for (int l = 0; l < body->load_count; l++) {
         sbi_load *load = body->loads + l;
-        double curved = sbi_load_curved_energy(body, load, body->displacement, 1);
+        double curved = sbi_load_own_energy(body, load, body->displacement);
         sum += curved > load->curved_energy ? curved - load->curved_energy : 0;
         for (int j = 0; sbi_load_has_targets(load) && j < load->row_count; j++) {
             double k = (double)load->stiffness[j], force = (double)sb_v3_dot(load->force[j], load->force[j]);
@@ -1182,6 +1262,10 @@ SBI_API void sbi_loads_begin_static(sb_body *body)
             sbi_cable_relax(body, load);
         if (load->kind == SBI_LOAD_MEMBRANE && !load->balanced)
             sbi_membrane_relax(load);
+        if (load->kind == SBI_LOAD_CAVITY && !load->balanced) {
+            sbi_cavity_lay(body, load, body->displacement, 1);
+            sbi_cavity_relax(load);
+        }
         for (int j = 0; sbi_load_has_targets(load) && !load->balanced && j < load->row_count; j++) {
             load->balanced_stiffness[j] = load->stiffness[j];
             load->balanced_target[j] = sbi_body_row_value(load, j, body->displacement);
@@ -1198,6 +1282,8 @@ SBI_API void sbi_loads_end_static(sb_body *body, sb_real factor)
             sbi_cable_settle(load, factor);
         if (load->kind == SBI_LOAD_MEMBRANE)
             sbi_membrane_settle(load, factor);
+        if (load->kind == SBI_LOAD_CAVITY)
+            sbi_cavity_settle(load, factor);
         load->balanced = 1;
         for (int j = 0; sbi_load_has_targets(load) && j < load->row_count; j++) {
             load->balanced_target[j] = sbi_load_target_at(load, j, factor);
@@ -1222,7 +1308,28 @@ static void sbi_load_collect(const sb_body *body, const sb_vec3 *u, int node, sb
     sum[node] = sb_v3_add(sum[node], f);
 }
 
-SBI_API void sbi_loads_commit(sb_body *body, const sb_vec3 *row_u, const sb_vec3 *pressure_u, sb_real factor)
+/* The balance of a cavity is that of its pressure near `linear`, which g is of. */
+static void sbi_load_commit_cavity(sb_body *body, sbi_load *load, const sb_vec3 *u, const sb_vec3 *linear,
+                                   sb_real factor, int dynamic)
+{
+    sbi_cavity *cavity = &load->cavity;
+    double pressure;
+    int node;
+    sb_vec3 share;
+    sbi_cavity_lay(body, load, linear, factor);
+    pressure = cavity->pressure;
+    if (u != linear)
+        pressure -= cavity->stiff * (sbi_cavity_growth(body, load, u) - sbi_cavity_growth(body, load, linear));
+    for (int k = 0; k < sbi_cavity_entries(load); k++)
+        if (sbi_cavity_entry(load, k, &node, &share))
+            sbi_load_collect(body, u, node, sb_v3_scale((sb_real)pressure, share), load, body->external);
+    if (sbi_cavity_is_stiff(load) && (!dynamic || sbi_cavity_corrects(body)))
+        cavity->hold.pressure = (sb_real)pressure;
+    cavity->read = (sb_real)pressure;
+}
+
+SBI_API void sbi_loads_commit(sb_body *body, const sb_vec3 *row_u, const sb_vec3 *pressure_u, sb_real factor,
+                              int dynamic)
 {
     for (int l = 0; l < body->load_count; l++) {
         sbi_load *load = body->loads + l;
@@ -1233,6 +1340,10 @@ SBI_API void sbi_loads_commit(sb_body *body, const sb_vec3 *row_u, const sb_vec3
             sbi_cable_read(body, load, row_u, pressure_u, factor);
         if (load->kind == SBI_LOAD_MEMBRANE)
             load->curved_energy = sbi_membrane_energy(body, load, body->displacement, factor);
+        if (load->kind == SBI_LOAD_CAVITY) {
+            sbi_load_commit_cavity(body, load, row_u, pressure_u, factor, dynamic);
+            continue;
+        }
         for (int j = 0; j < load->row_count; j++) {
             const int *nodes = load->nodes + load->row_start[j];
             int count = load->row_start[j + 1] - load->row_start[j];
@@ -1388,10 +1499,15 @@ SBI_API sb_result sbi_body_set_mapping_lines(sb_body *body, int load_id, const s
 /* ---- removal ---- */
 
 /* equilibrated += what a load exerted in the last static solve, so that the next one lets it fade as a dead load. */
-static void sbi_load_fade(sb_body *body, const sbi_load *load)
+static void sbi_load_fade(sb_body *body, sbi_load *load)
 {
     sbi_load_rule rule;
     rule.type = SB_NO_ELEMENT;
+    if (load->kind == SBI_LOAD_CAVITY) {
+        sbi_cavity_lay(body, load, body->displacement, 0);
+        sbi_cavity_add_force(load, load->cavity.read, body->equilibrated);
+        return;
+    }
     for (int j = 0; j < load->row_count; j++) {
         const int *nodes = load->nodes + load->row_start[j];
         int count = load->row_start[j + 1] - load->row_start[j];

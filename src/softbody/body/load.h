@@ -63,8 +63,8 @@ SB_API sb_result sb_body_set_mapping_stiffness(sb_body *body, int load_id, const
 /* Where the rows are now (m): points[row_count]. */
 SB_API sb_result sb_body_mapping_points(const sb_body *body, int load_id, sb_vec3 *points);
 
-/* Takes a pressure, springs, a mapping, a cable or a membrane away; its id is then unknown. The next static solve lets
- * its force fade. */
+/* Takes a pressure, springs, a mapping, a cable, a membrane or a cavity away; its id is then unknown. The next static
+ * solve lets its force fade. */
 SB_API sb_result sb_body_remove_load(sb_body *body, int load_id);
 
 /* ---- readings of the last step or static solve: 0 before the first, no allocation ---- */
@@ -116,6 +116,13 @@ SBI_API double sbi_loads_curved_energy(sb_body *body, const sb_vec3 *u, sb_real 
  * where the last step ended, is new since: their points or stiffness were changed. */
 SBI_API double sbi_loads_energy(sb_body *body, const sb_vec3 *u);
 SBI_API double sbi_loads_new_energy(sb_body *body);
+/* Of cavities whose volume is held: 1, there is one; how stiff they are in the solve to come, whose matrix at u is
+ * there (uses body->work and work2; renew 0: of those that have not been in one; mass: its
+ * factor in the matrix, 1/s^2); they hold what they press with at u, and the largest error of a volume is
+ * returned, over it. */
+SBI_API int sbi_loads_are_stiff(const sb_body *body);
+SBI_API void sbi_loads_stiffen(sb_body *body, const sb_vec3 *u, sb_real factor, int renew, sb_real mass);
+SBI_API double sbi_loads_hold_volumes(sb_body *body, const sb_vec3 *u, sb_real factor);
 /* Start of a static solve: loads that are new to it begin where they exert no force. */
 SBI_API void sbi_loads_begin_static(sb_body *body);
 /* A static solve ended at this factor: the next one starts from these values. */
@@ -123,7 +130,8 @@ SBI_API void sbi_loads_end_static(sb_body *body, sb_real factor);
 /* End of a solve: keeps the readings and adds the forces to body->external. Springs and mappings act at the
  * displacement row_u of the balance, whose positions are the arms of torques too; pressures at pressure_u (a
  * linearised step's is the one it started from). */
-SBI_API void sbi_loads_commit(sb_body *body, const sb_vec3 *row_u, const sb_vec3 *pressure_u, sb_real factor);
+SBI_API void sbi_loads_commit(sb_body *body, const sb_vec3 *row_u, const sb_vec3 *pressure_u, sb_real factor,
+                              int dynamic);
 #endif
 
 #endif /* SB_LOAD_H */

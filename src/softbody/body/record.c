@@ -13,6 +13,7 @@
 
 #include "body_private.h"
 #include "cable.h"
+#include "cavity.h"
 #include "membrane.h"
 #include "constraint.h"
 #include "live_private.h"
@@ -554,6 +555,36 @@ static sb_result sbi_play_add_membrane(sb_body *body, const sbi_command *c, sb_e
     return sb_body_add_membrane(body, &def, NULL, error);
 }
 
+static sb_result sbi_play_add_cavity(sb_body *body, const sbi_command *c, sb_error *error)
+{
+    enum { HEAD = 4 };
+    sb_cavity_def def = sb_default_cavity_def();
+    size_t points = c->real_count < HEAD ? SB_MAX_CAVITY_POINTS + 1 : (c->real_count - HEAD) / 2;
+    if (c->a < 3 || c->int_count % (size_t)c->a != 0 || points > SB_MAX_CAVITY_POINTS ||
+        c->real_count != HEAD + 2 * points)
+        return sbi_record_refuse_counts(c, error);
+    def.faces = c->ints;
+    def.corners = c->a;
+    def.face_count = (int)(c->int_count / (size_t)c->a);
+    def.kind = (sb_cavity_kind)c->b;
+    def.pressure = c->reals[0];
+    def.ambient = c->reals[1];
+    def.exponent = c->reals[2];
+    def.bulk = c->reals[3];
+    def.point_count = (int)points;
+    for (size_t k = 0; k < points; k++) {
+        def.table_volume[k] = c->reals[HEAD + k];
+        def.table_pressure[k] = c->reals[HEAD + points + k];
+    }
+    return sb_body_add_cavity(body, &def, NULL, error);
+}
+
+static sb_result sbi_play_cavity(sb_body *body, const sbi_command *c, sb_error *error)
+{
+    (void)error;
+    return sbi_cavity_set(body, c->a, c->reals[0], c->reals[1]);
+}
+
 static sb_result sbi_play_membrane(sb_body *body, const sbi_command *c, sb_error *error)
 {
     (void)error;
@@ -716,6 +747,8 @@ static const sbi_record_rule sbi_record_rules[] = {
     {SBI_COMMAND_KEEP_TANGENT, "kept tangent", 0, 1, sbi_play_keep_tangent},
     {SBI_COMMAND_ADD_MEMBRANE, "new membrane", SBI_INTS_ANY, 3, sbi_play_add_membrane},
     {SBI_COMMAND_MEMBRANE, "membrane", 0, 3, sbi_play_membrane},
+    {SBI_COMMAND_ADD_CAVITY, "new cavity", SBI_INTS_ANY, SBI_REALS_ANY, sbi_play_add_cavity},
+    {SBI_COMMAND_CAVITY, "cavity", 0, 2, sbi_play_cavity},
     {SBI_COMMAND_PART_STEP, "step of a part", SBI_INTS_ANY, SBI_REALS_ANY, sbi_play_part},
 };
 

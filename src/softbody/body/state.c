@@ -6,6 +6,7 @@
 
 #include "body_private.h"
 #include "cable_law.h"
+#include "cavity_law.h"
 #include "constraint.h"
 #include "live_private.h"
 #include "load.h"
@@ -836,11 +837,49 @@ static void sbi_state_membrane(sbi_state_walk *walk, sbi_load *load)
     load->curved_energy = sbi_state_double(walk, load->curved_energy);
 }
 
+/* What a cavity is filled with. */
+static void sbi_state_cavity_law(sbi_state_walk *walk, const sbi_cavity *cavity, sbi_cavity_law *law)
+{
+    law->kind =
+        (sb_cavity_kind)sbi_state_int(walk, (int)law->kind, SB_CAVITY_PRESSURE, SB_CAVITY_TABLE, "kind of a cavity");
+    law->pressure = sbi_state_real(walk, law->pressure);
+    law->ambient = sbi_state_real(walk, law->ambient);
+    law->exponent = sbi_state_real(walk, law->exponent);
+    law->bulk = sbi_state_real(walk, law->bulk);
+    law->filled = sbi_state_real(walk, law->filled);
+    law->share = sbi_state_real(walk, law->share);
+    if (sbi_state_checks(walk) && walk->result == SB_OK)
+        sbi_state_refuse(walk, sbi_cavity_check_law(cavity, law, walk->error));
+}
+
+/* What a cavity has beyond its faces. */
+static void sbi_state_cavity(sbi_state_walk *walk, sbi_load *load)
+{
+    sbi_cavity *cavity = &load->cavity;
+    if (!load->balanced)
+        cavity->balanced = cavity->law;
+    cavity->point_count =
+        sbi_state_int(walk, cavity->point_count, 0, SB_MAX_CAVITY_POINTS, "points of a cavity's table");
+    for (int k = 0; k < cavity->point_count && walk->result == SB_OK; k++) {
+        cavity->table_volume[k] = sbi_state_real(walk, cavity->table_volume[k]);
+        cavity->table_pressure[k] = sbi_state_real(walk, cavity->table_pressure[k]);
+    }
+    sbi_state_cavity_law(walk, cavity, &cavity->law);
+    sbi_state_cavity_law(walk, cavity, &cavity->balanced);
+    cavity->hold.pressure = sbi_state_real(walk, cavity->hold.pressure);
+    cavity->hold.stiff = sbi_state_real(walk, cavity->hold.stiff);
+    cavity->read = sbi_state_real(walk, cavity->read);
+    load->curved_energy = sbi_state_double(walk, load->curved_energy);
+    if (sbi_state_checks(walk) && (!sb_is_finite(cavity->hold.pressure) || !sb_is_finite(cavity->hold.stiff)))
+        sbi_state_refuse(walk, sbi_fail(walk->error, SB_ERROR_NOT_FINITE,
+                                        "the saved pressure of cavity %d is not finite", load->id));
+}
+
 /* What a load has once. An image's values go into `load`, which is a copy. */
 static void sbi_state_load_head(const sb_body *body, sbi_state_walk *walk, int after, sbi_load *load)
 {
     int last = body->last_load_id;
-    load->kind = (sbi_load_kind)sbi_state_int(walk, (int)load->kind, SBI_LOAD_PRESSURE, SBI_LOAD_MEMBRANE, "load kind");
+    load->kind = (sbi_load_kind)sbi_state_int(walk, (int)load->kind, SBI_LOAD_PRESSURE, SBI_LOAD_CAVITY, "load kind");
     if (sbi_state_checks(walk) && load->kind == SBI_LOAD_POTENTIAL)
         sbi_state_refuse(walk, sbi_fail(walk->error, SB_ERROR_FORMAT, "a saved load is of no kind that is saved"));
     load->id =
@@ -860,6 +899,8 @@ static void sbi_state_load_head(const sb_body *body, sbi_state_walk *walk, int a
         sbi_state_cable(walk, load);
     if (load->kind == SBI_LOAD_MEMBRANE)
         sbi_state_membrane(walk, load);
+    if (load->kind == SBI_LOAD_CAVITY)
+        sbi_state_cavity(walk, load);
 }
 
 /* Room for what these rows tie. */
@@ -896,6 +937,8 @@ static void sbi_state_make_load(sb_body *body, sbi_state_walk *walk, int after, 
     sbi_state_load_head(body, walk, after, load);
     sbi_state_load_rows(body, walk, load, NULL);
     walk->store = 0;
+    if (load->kind == SBI_LOAD_CAVITY && walk->result == SB_OK)
+        sbi_state_refuse(walk, sbi_cavity_find_rims(body, load, walk->error));
     if (!sbi_load_has_faces(load))
         sbi_state_reserve_ties(body, walk, load->row_count, load->row_start, load->nodes, NULL, load->weights);
 }

@@ -4,6 +4,7 @@
 
 #include <string.h>
 
+#include "cavity_law.h"
 #include "live_private.h"
 #include "load.h"
 #include "step_explicit.h"
@@ -177,6 +178,7 @@ SBI_API void sbi_step_save(sb_body *b)
         sbi_assembly_save_memory(&b->assembly);
     sbi_assembly_save_rotations(&b->assembly);
     sbi_kept_save(b);
+    sbi_cavities_save(b);
 }
 
 SBI_API void sbi_step_restore(sb_body *b)
@@ -194,6 +196,7 @@ SBI_API void sbi_step_restore(sb_body *b)
         sbi_assembly_restore_memory(&b->assembly);
     sbi_assembly_restore_rotations(&b->assembly);
     sbi_kept_restore(b);
+    sbi_cavities_restore(b);
     sbi_body_update_positions(b);
 }
 
@@ -345,7 +348,7 @@ static void sbi_step_settle(sbi_step *step)
     const sb_vec3 *balance = b->integrator == SB_GENERALISED_ALPHA ? b->converged : b->displacement;
     if (b->integrator != SB_CENTRAL_DIFFERENCE)
         sbi_step_leave(b, step->dt);
-    sbi_loads_commit(b, balance, step->linearised ? b->start : balance, 1);
+    sbi_loads_commit(b, balance, step->linearised ? b->start : balance, 1, 1);
     sbi_step_forget_error(step->info); /* of a tangent that was projected after all */
     step->info->load_steps = 1;
     b->acceleration_step = step->keeps_acceleration ? b->acceleration_step / 2 : step->dt;

@@ -129,6 +129,7 @@ static sb_result sbi_explicit_stable_step(sb_body *b, sb_real *dt, sb_error *err
         return sbi_fail_element(error, SB_ERROR_INVERTED, bad,
                                 "element %d is inside out, which its material does not allow", bad);
     if (b->load_count) {
+        sbi_loads_stiffen(b, b->displacement, 1, 0, 0);
         sbi_loads_add_tangent(b, b->displacement, SB_TANGENT_EXACT, 1, &b->matrix);
         sbi_loads_add_slack(b, b->displacement, &b->matrix);
     }

@@ -156,8 +156,11 @@ SBI_API sb_real sbi_step_touch_work(const sbi_step *step, const sb_vec3 *increme
 SBI_API void sbi_step_add_touch_force(const sbi_step *step, sb_real factor, sb_vec3 *out);
 /* Adds to the system what was evaluated last: before constraints are condensed, after supports are masked. */
 SBI_API void sbi_step_add_touch(sbi_step *step);
-/* y += C x, of the system that is solved (see sbi_touch.multiply_links), and x.Cx, for conjugate gradients. */
+/* y += C x, of the system that is solved (see sbi_touch.multiply_links) and of cavities, and x.Cx, for conjugate
+ * gradients. */
 SBI_API double sbi_body_multiply_links(void *body, const sb_real *x, sb_real *y);
+/* 1: there is such a C. */
+SBI_API int sbi_body_has_links(const sb_body *body);
 /* The same as what a solve takes; and it has it while `extra` is there. */
 SBI_API void sbi_body_lend_touch(sb_body *body, sbi_pcg_extra *extra);
 /* Reactions less its forces on supported axes. */

@@ -321,6 +321,11 @@ SBI_API sb_result sbi_step_evaluate(sbi_step *step)
     if (!step->keeps && (step->linearised || /* its residual may need K v, contact measures by it */
                          (step->touch && step->iteration == 0)))
         sbi_step_tangent(step, SB_TANGENT_QUASI);
+    if (step->iteration == 0 && step->body->load_count && sbi_loads_are_stiff(step->body)) {
+        if (!step->linearised && !step->touch)
+            sbi_step_tangent(step, SB_TANGENT_QUASI);
+        sbi_loads_stiffen(step->body, step->body->displacement, step->loads_factor, 1, sbi_step_mass_factor(step));
+    }
     if (step->touch && step->iteration == 0)
         result = sbi_step_begin_touch(step);
     if (result != SB_OK)

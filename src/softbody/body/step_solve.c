@@ -152,7 +152,7 @@ static double sbi_step_touch_rise(const sbi_step *step)
     const sb_matrix *matrix = b->elimination ? &b->elimination->matrix : &b->matrix;
     double sum = 0;
     sb_matrix_multiply(matrix, &b->work[0].x, &b->work2[0].x, &b->jobs);
-    if (step->touch->links)
+    if (sbi_body_has_links(b))
         (void)sbi_body_multiply_links(b, &b->work[0].x, &b->work2[0].x);
     for (int i = 0; i < b->domain.node_count; i++)
         sum += (double)b->work[i].x * (double)b->work2[i].x + (double)b->work[i].y * (double)b->work2[i].y +

@@ -1,6 +1,7 @@
 /* step_static: static solves: load increments on the Newton iteration of steps. */
 #include <string.h>
 
+#include "cavity_law.h"
 #include "constraint.h"
 #include "load.h"
 #include "step_private.h"
@@ -64,6 +65,27 @@ SBI_API sb_real sbi_static_duration(const sb_static_options *options)
     return options->instantaneous ? 0 : (sb_real)INFINITY;
 }
 
+/* Cavities hold what they press with, and the balance is found again, until their volumes are those of their laws or
+ * come no closer. */
+static sb_result sbi_static_hold_volumes(sbi_step *step, sb_result result)
+{
+    enum { ROUNDS = 30 };
+    const double enough = sb_max(1e-11, 64 * (double)SB_EPSILON);
+    sb_body *b = step->body;
+    double last = 1e30;
+    for (int round = 0; result == SB_OK && round < ROUNDS; round++) {
+        double off = sbi_loads_hold_volumes(b, b->displacement, step->loads_factor);
+        if (!(off > enough) || off > last / 2)
+            break;
+        last = off;
+        step->norm = step->last_norm = 0;
+        step->iteration = 1;
+        step->done = step->energy_known = 0;
+        result = sbi_step_iterate(step, sbi_step_linearise(step));
+    }
+    return result;
+}
+
 /* One increment: to balance, and with contact until its pressures hold the surface where it belongs. */
 static sb_result sbi_static_iterate(sbi_step *step, const sb_static_options *options)
 {
@@ -73,6 +95,8 @@ static sb_result sbi_static_iterate(sbi_step *step, const sb_static_options *opt
     if (result == SB_OK && !step->done && sbi_static_may_start(step, options->start))
         result = sbi_static_start(step, sbi_static_duration(options));
     result = sbi_step_iterate(step, result);
+    if (step->body->load_count && sbi_loads_are_stiff(step->body))
+        result = sbi_static_hold_volumes(step, result);
     for (int round = 1; result == SB_OK && step->touch; round++) {
         int again = sbi_step_balance_touch(step, round);
         if (again < 0)
@@ -103,6 +127,7 @@ static sb_result sbi_static_run(sbi_step *step, const sb_static_options *options
     sb_real reached = 0, stride = (sb_real)1 / (sb_real)options->load_steps, least = stride / 64;
     memcpy(b->converged, b->displacement, bytes);
     sbi_loads_begin_static(b);
+    sbi_cavities_keep(b);
     while (reached < 1) {
         int before = step->info->newton_iterations, spent;
         sb_result result;
@@ -119,6 +144,7 @@ static sb_result sbi_static_run(sbi_step *step, const sb_static_options *options
         spent = step->info->newton_iterations - before;
         if (result != SB_OK) {
             memcpy(b->displacement, b->converged, bytes);
+            sbi_cavities_go_back(b);
             b->force_current = 0;
             step->mixed = sbi_max_int(step->mixed - 1, 0);
             stride *= (sb_real)0.5;
@@ -127,6 +153,7 @@ static sb_result sbi_static_run(sbi_step *step, const sb_static_options *options
             continue;
         }
         memcpy(b->converged, b->displacement, bytes);
+        sbi_cavities_keep(b);
         reached = step->load_factor;
         step->info->load_factor = reached;
         step->info->load_steps++;
@@ -164,7 +191,7 @@ static void sbi_static_commit(sbi_step *step)
     sbi_body_update_positions(b);
     sbi_static_loads(b, step->info->load_factor);
     memcpy(b->equilibrated, b->external, bytes);
-    sbi_loads_commit(b, b->displacement, b->displacement, step->info->load_factor);
+    sbi_loads_commit(b, b->displacement, b->displacement, step->info->load_factor, 0);
     sbi_loads_end_static(b, step->info->load_factor);
     if (sbi_step_force(step) == SB_OK) {
         for (int i = 0; i < b->domain.node_count; i++)

@@ -2,6 +2,7 @@
  * reactions. */
 #include <string.h>
 
+#include "cavity_law.h"
 #include "constraint.h"
 #include "step_private.h"
 
@@ -88,10 +89,22 @@ static void sbi_step_constrained_reactions(const sbi_step *step)
     memcpy(b->work, b->residual, (size_t)b->domain.node_count * sizeof(sb_vec3));
     if (step->linearised) {
         sb_matrix_multiply(&b->matrix, &b->increment[0].x, &b->work2[0].x, &b->jobs);
+        (void)sbi_cavities_multiply(b, b->increment, 0, b->work2);
         for (int i = 0; i < b->domain.node_count; i++)
             b->work[i] = sb_v3_add(b->work[i], b->work2[i]);
     }
     sbi_constraint_reactions(b, b->work);
+}
+
+/* What the pressure of cavities has changed by in a linearised step. */
+static void sbi_step_cavity_reactions(const sbi_step *step)
+{
+    sb_body *b = step->body;
+    memset(b->work, 0, (size_t)b->domain.node_count * sizeof(sb_vec3));
+    (void)sbi_cavities_multiply(b, b->increment, 0, b->work);
+    for (int i = 0; i < b->domain.node_count; i++)
+        b->reaction[i] = sbi_body_pick_axes(b->node_component[i] < 0 ? 0 : b->fixed[i],
+                                            sb_v3_add(b->reaction[i], b->work[i]), b->reaction[i]);
 }
 
 /* The same of a body without constraints. */
@@ -118,6 +131,8 @@ SBI_API void sbi_step_reactions(const sbi_step *step)
         sbi_step_constrained_reactions(step);
     else
         sbi_step_support_reactions(step);
+    if (!step->body->elimination && step->linearised && sbi_cavities_resist(step->body))
+        sbi_step_cavity_reactions(step);
     sbi_step_guest_reactions(step);
     if (step->touch && step->linearised)
         sbi_step_touch_reactions(step);
@@ -163,6 +178,7 @@ static int sbi_step_condense(sbi_step *step)
         sb_matrix_multiply(&b->matrix, &b->work[0].x, &b->work2[0].x, &b->jobs);
         if (step->touch && step->touch->links)
             (void)step->touch->multiply_links(step->touch->user, NULL, b->work, b->work2);
+        (void)sbi_cavities_multiply(b, b->work, 0, b->work2);
         for (int i = 0; i < n; i++)
             b->rhs[i] = sb_v3_sub(b->rhs[i], b->work2[i]);
     }
@@ -261,7 +277,7 @@ SBI_API sb_result sbi_step_solve_once(sbi_step *step, sb_real tolerance, const s
     sb_result result;
     asked.bend = asked.later ? NULL : sbi_step_bend(step);
     b->pcg.extra = NULL;
-    if (step->touch)
+    if (!step->starts && (step->touch || b->load_count))
         sbi_body_lend_touch(b, &extra);
     options.tolerance = (double)tolerance;
     options.max_iterations = step->max_iterations;

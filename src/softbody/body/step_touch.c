@@ -3,6 +3,7 @@
 
 #include <string.h>
 
+#include "cavity_law.h"
 #include "step_private.h"
 
 SBI_API void sbi_body_set_touch(sb_body *body, sbi_touch *touch)
@@ -185,19 +186,28 @@ static double sbi_touch_multiply_condensed(sb_body *b, const sb_real *x, sb_vec3
     return sum;
 }
 
-SBI_API double sbi_body_multiply_links(void *body, const sb_real *x, sb_real *y)
+/* The same of what touches. */
+static double sbi_touch_multiply_links(sb_body *b, const sb_real *x, sb_real *y)
 {
-    sb_body *b = (sb_body *)body;
     if (b->elimination)
         return sbi_touch_multiply_condensed(b, x, (sb_vec3 *)(void *)y);
     return b->touch->multiply_links(b->touch->user, b->fixed, (const sb_vec3 *)(const void *)x, (sb_vec3 *)(void *)y);
 }
 
+SBI_API double sbi_body_multiply_links(void *body, const sb_real *x, sb_real *y)
+{
+    sb_body *b = (sb_body *)body;
+    double sum = sbi_cavities_multiply(b, (const sb_vec3 *)(const void *)x, 1, (sb_vec3 *)(void *)y);
+    return b->touch && b->touch->links ? sum + sbi_touch_multiply_links(b, x, y) : sum;
+}
+
+SBI_API int sbi_body_has_links(const sb_body *b) { return (b->touch && b->touch->links) || sbi_cavities_resist(b); }
+
 SBI_API void sbi_body_lend_touch(sb_body *b, sbi_pcg_extra *extra)
 {
     extra->user = b;
     extra->multiply = sbi_body_multiply_links;
-    b->pcg.extra = b->touch && b->touch->links ? extra : NULL;
+    b->pcg.extra = sbi_body_has_links(b) ? extra : NULL;
 }
 
 /* ---- end ---- */

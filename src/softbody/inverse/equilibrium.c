@@ -4,6 +4,7 @@
 #include <math.h>
 #include <string.h>
 
+#include "../body/cavity_law.h"
 #include "../body/load.h"
 
 enum {
@@ -105,6 +106,9 @@ static sb_result sbi_equilibrium_check(const sb_body *body, sb_real tolerance, s
     if (body->domain.single_rotation)
         return sbi_fail(error, SB_ERROR_UNSUPPORTED,
                         "with a single rotation per element there is no exact tangent to derive by");
+    if (sbi_cavities_resist(body))
+        return sbi_fail(error, SB_ERROR_UNSUPPORTED,
+                        "a cavity resists growing: derivatives know cavities of given pressure only");
     node = sbi_body_unsupported_node(body);
     if (node >= 0)
         return sbi_fail_node(error, SB_ERROR_UNCONSTRAINED, node,
