@@ -70,9 +70,9 @@ SBI_API sb_real sbi_static_duration(const sb_static_options *options)
 static sb_result sbi_static_hold_volumes(sbi_step *step, sb_result result)
 {
     enum { ROUNDS = 30 };
-    const double enough = sb_max(1e-11, 64 * (double)SB_EPSILON);
+    const double enough = (double)sb_max((sb_real)1e-11, 64 * SB_EPSILON);
     sb_body *b = step->body;
-    double last = 1e30;
+    double last = (double)SB_REAL_MAX;
     for (int round = 0; result == SB_OK && round < ROUNDS; round++) {
         double off = sbi_loads_hold_volumes(b, b->displacement, step->loads_factor);
         if (!(off > enough) || off > last / 2)
