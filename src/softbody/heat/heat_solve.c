@@ -131,7 +131,7 @@ SBI_API sb_result sbi_heat_solve(sb_heat *heat, double tolerance, int *iteration
         double left = sqrt(sbi_heat_dot(heat, heat->residual, heat->residual)), next, curvature;
         if (left <= goal)
             break;
-        if (!(left <= SB_REAL_MAX))
+        if (!(left <= (double)SB_REAL_MAX))
             return sbi_fail(error, SB_ERROR_DIVERGED, "the solution of heat is not finite");
         if (k == heat->def.max_iterations)
             return sbi_fail(error, SB_ERROR_NOT_CONVERGED, "heat left %g of its residual after %d iterations",

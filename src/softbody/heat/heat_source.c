@@ -165,7 +165,7 @@ SB_API sb_result sb_heat_add_source(sb_heat *heat, sb_vec3 from, sb_vec3 to, sb_
         sum += weight;
         count += weight > 0;
     }
-    if (!(sum > 0 && sum <= SB_REAL_MAX))
+    if (!(sum > 0 && sum <= (double)SB_REAL_MAX))
         return sbi_fail(error, SB_ERROR_NOT_FINITE, "a heat source is too far from the body");
     if (!sbi_heat_make_source(heat, SBI_HEAT_SOURCE, count, &source))
         return sbi_heat_no_memory(count, error);

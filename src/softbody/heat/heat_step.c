@@ -129,7 +129,7 @@ static sb_result sbi_heat_balance_out(sb_heat *heat, double rate, sb_heat_info *
     sbi_heat_begin(heat);
     info->flows = sbi_heat_weigh(heat, rate);
     begun = left = sbi_heat_norm(heat);
-    if (!(begun <= SB_REAL_MAX))
+    if (!(begun <= (double)SB_REAL_MAX))
         return sbi_fail(error, SB_ERROR_DIVERGED, "the power of heat is not finite");
     while (left > 0) {
         double work = 0;
@@ -158,7 +158,7 @@ static sb_result sbi_heat_check_rise(const sb_heat *heat, sb_error *error)
 {
     for (int i = 0; i < heat->node_count; i++) {
         double after = sbi_heat_after(heat, i);
-        if (!(after > 0 && after <= SB_REAL_MAX))
+        if (!(after > 0 && after <= (double)SB_REAL_MAX))
             return sbi_fail_node(error, SB_ERROR_DIVERGED, i, "node %d would have a temperature of %g K", i, after);
     }
     return SB_OK;
