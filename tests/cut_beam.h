@@ -74,6 +74,25 @@ static inline double beam_sag(block *b, int *iterations)
     return sum / count;
 }
 
+/* Curved strokes open more than those that lag, as far as their blade has come. */
+static inline void beam_check_curved(sb_element_type element, int lattice)
+{
+    static const int cells[3] = {21, 4, 7};
+    static const double bends[2] = {0.0331, 0.0302};
+    for (int k = 0; k < 2; k++) {
+        block lag = beam_of(element, cells, lattice, SB_CUT_LAG), glue = beam_of(element, cells, lattice, SB_CUT_GLUE);
+        double released, sag;
+        int iterations;
+        beam_cut(&lag, bends[k], 0.031, 24, &released);
+        beam_cut(&glue, bends[k], 0.031, 24, &released);
+        sag = beam_sag(&lag, &iterations);
+        CHECK(beam_sag(&glue, &iterations) < 1.003 * sag);
+        check_pieces(&glue);
+        block_free(&lag);
+        block_free(&glue);
+    }
+}
+
 /* ---- the edge-cracked plate -------------------------------------------------------------------------------------- */
 
 /* Pulls at the faces of the body in the plane y = place by t (N/m^2) along y. */

@@ -225,13 +225,13 @@ static inline void check_totals_but(const totals *before, const totals *after, d
     CHECK_NEAR(after->mass, before->mass, scene_tolerance(1e-12, 500) * before->mass);
     CHECK_NEAR(sb_v3_norm(sb_v3_sub(after->momentum, before->momentum)), 0,
                scene_tolerance(1e-13, 500) * speed * before->mass);
-    CHECK_NEAR(after->kinetic, before->kinetic, scene_tolerance(1e-12, 500) * before->kinetic);
+    CHECK_NEAR(after->kinetic, before->kinetic, scene_tolerance(1e-13, 500) * before->kinetic);
     CHECK_NEAR(after->elastic, before->elastic, elastic * before->elastic);
 }
 
 static inline void check_totals(const totals *before, const totals *after)
 {
-    check_totals_but(before, after, scene_tolerance(1e-11, 1e5));
+    check_totals_but(before, after, scene_tolerance(1e-12, 1e5));
 }
 
 /* A blade's way: a strip of quads about a random line. */

@@ -186,7 +186,7 @@ static void test_fall(void)
     block_options options = block_default(2);
     block b = block_make(&options);
     const double dt = 0.005, steps = 20, g = 9.81, t = steps * dt;
-    double tolerance = scene_tolerance(1e-9, 1e4) * g * t * t;
+    double tolerance = scene_tolerance(1e-10, 1e4) * g * t * t;
     sb_vec3 first = {0, 0, 0};
     int found = 0;
     CHECK_OK(sb_body_set_solver(b.body, REAL(SB_REAL_IS_FLOAT ? 1e-5 : 1e-12), 2000));
