@@ -253,13 +253,14 @@ static inline void picture_smooth(picture *p, int first, const int *corners, pic
     }
 }
 
-/* Adds a surface (tri3, tri6 or quad4) coloured by values[node_count], from low to high along the colour
+/* Adds a surface (tri3, tri6, quad4, quad8 or quad9) coloured by values[node_count], from low to high along the colour
  * map. */
 static inline void picture_add_surface(picture *p, const sb_mesh *surface, const sb_real *values, double low,
                                        double high)
 {
+    const int(*split)[3];
     int first = p->count;
-    size_t triangles = 4 * (size_t)surface->element_count;
+    size_t triangles = (size_t)picture_split(surface->element_type, &split) * (size_t)surface->element_count;
     int *corners = (int *)calloc(3 * triangles + 1, sizeof *corners);
     picture_vec *normals = (picture_vec *)calloc((size_t)surface->node_count + 1, sizeof *normals);
     if (corners && normals) {

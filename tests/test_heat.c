@@ -203,6 +203,35 @@ static void test_latent(void)
     sb_mesh_free(&mesh);
 }
 
+/* Steps so short that a rise is next to the rounding of a temperature; latent heat over hundredths of a kelvin. */
+static void test_latent_hard(void)
+{
+    static const double steps[6] = {1e-4, 1e-6, 1e-8, 600, 60, 10}; /* s */
+    sb_mesh mesh = block(SB_TET4);
+    for (int k = 0; k < 6; k++) {
+        sb_body *body = heat_body(&mesh, SB_INTEGRATION_AUTO, NULL);
+        sb_heat_def def = sb_default_heat_def();
+        sb_vec3 middle = sb_v3(REAL(0.02), REAL(0.015), REAL(0.015));
+        sb_heat *heat;
+        int is_short = steps[k] < 1;
+        def.tissue.latent_heat = REAL(1.8e9);
+        if (is_short)
+            def.start = 373;
+        else
+            def.latent_high = def.latent_low + REAL(0.01);
+        heat = heat_of(body, &def);
+        CHECK_OK(sb_heat_add_source(heat, middle, middle, REAL(0.003), is_short ? 30 : 100, NULL, NULL));
+        for (int n = 0; n < (is_short ? 5 : 40); n++) {
+            sb_error error;
+            if (!CHECK_OK(sb_heat_step(heat, REAL(steps[k]), NULL, &error)))
+                printf("%g s: %s\n", steps[k], error.message);
+        }
+        sb_heat_destroy(heat);
+        sb_body_destroy(body);
+    }
+    sb_mesh_free(&mesh);
+}
+
 /* Two tissues, and fields by element that say the same. */
 static void test_regions(void)
 {
@@ -688,6 +717,42 @@ static void test_undo(void)
     sb_mesh_free(&mesh);
 }
 
+/* After a step of any length the state can be loaded: it succeeds with finite numbers, or is undone. */
+static void test_long(void)
+{
+    const double steps[4] = {1e12, SB_REAL_IS_FLOAT ? 1e24 : 1e200, SB_REAL_IS_FLOAT ? 1e30 : 1e295,
+                             0.9 * (double)SB_REAL_MAX};
+    sb_mesh mesh = block(SB_TET4);
+    for (int k = 0; k < 4; k++) {
+        sb_body *body = heat_body(&mesh, SB_INTEGRATION_AUTO, NULL);
+        sb_heat_def def = sb_default_heat_def();
+        sb_heat *heat;
+        sb_error error;
+        sb_real kelvin = 400;
+        int i = 0;
+        size_t size;
+        unsigned char *state;
+        def.stiffening = 4;
+        def.start = 400;
+        heat = heat_of(body, &def);
+        CHECK_OK(sb_heat_add_element_source(heat, NULL, 0, REAL(1e6), NULL, NULL));
+        CHECK_OK(sb_heat_hold(heat, &i, 1, &kelvin, 1, NULL));
+        for (int n = 0; n < 3; n++) {
+            sb_result result = sb_heat_step(heat, REAL(steps[k]), NULL, &error);
+            CHECK(result == SB_OK || result == SB_ERROR_DIVERGED);
+        }
+        size = sb_body_state_size(body);
+        state = (unsigned char *)malloc(size);
+        CHECK_OK(sb_body_state_save(body, state, size));
+        if (!CHECK_OK(sb_body_state_load(body, state, size, &error)))
+            printf("%g s: %s\n", steps[k], error.message);
+        free(state);
+        sb_heat_destroy(heat);
+        sb_body_destroy(body);
+    }
+    sb_mesh_free(&mesh);
+}
+
 /* Every allocation fails in turn; steps have none. */
 static void test_memory(void)
 {
@@ -759,7 +824,8 @@ static void test_memory(void)
 }
 
 CHECK_SUITE(heat, {"balance", test_balance}, {"still", test_still}, {"bounds", test_bounds}, {"blood", test_blood},
-            {"damage steps", test_damage_steps}, {"latent", test_latent}, {"regions", test_regions},
+            {"damage steps", test_damage_steps}, {"latent", test_latent},
+            {"latent, short steps and narrow", test_latent_hard}, {"regions", test_regions},
             {"stiffness", test_stiffness}, {"moving", test_moving}, {"state", test_state},
             {"recording", test_recording}, {"threads", test_threads}, {"defs", test_defs}, {"calls", test_calls},
-            {"undo", test_undo}, {"memory", test_memory});
+            {"undo", test_undo}, {"long steps", test_long}, {"memory", test_memory});

@@ -418,8 +418,39 @@ static void test_cut_open(void)
     sb_mesh_free(&block);
 }
 
-CHECK_SUITE(picture, {"png round trip", test_png_round_trip}, {"png failures", test_png_failures},
-            {"nearer hides farther", test_nearer_hides_farther},
+/* Skins of all elements: a cube's triangles cover it, each with the outer normal. */
+static void test_skins(void)
+{
+    static const sb_element_type types[5] = {SB_TET4, SB_TET10, SB_HEX8, SB_HEX20, SB_HEX27};
+    for (int t = 0; t < 5; t++) {
+        sb_mesh cube;
+        sb_boundary boundary;
+        sb_real *values;
+        double area = 0, volume = 0;
+        picture p;
+        if (!CHECK_OK(sb_mesh_beam(types[t], 3, 3, 3, sb_v3(1, 1, 1), NULL, &cube, NULL)) ||
+            !CHECK_OK(sb_mesh_boundary(&cube, 1, NULL, &boundary, NULL)))
+            return;
+        values = (sb_real *)calloc((size_t)boundary.surface.node_count, sizeof *values);
+        picture_begin(&p, 8, 8);
+        picture_add_surface(&p, &boundary.surface, values, 0, 1);
+        CHECK(!p.out_of_memory);
+        for (int i = 0; i < p.count; i++) {
+            picture_vec twice = picture_face_normal(p.triangles[i].corner);
+            area += sqrt(picture_dot(twice, twice)) / 2;
+            volume += picture_dot(twice, p.triangles[i].corner[0]) / 6;
+        }
+        CHECK_NEAR(area, 6, SB_REAL_IS_FLOAT ? 1e-5 : 1e-12);
+        CHECK_NEAR(volume, 1, SB_REAL_IS_FLOAT ? 1e-5 : 1e-12);
+        picture_end(&p);
+        free(values);
+        sb_boundary_free(&boundary);
+        sb_mesh_free(&cube);
+    }
+}
+
+CHECK_SUITE(picture, {"png round trip", test_png_round_trip}, {"skins of all elements", test_skins},
+            {"png failures", test_png_failures}, {"nearer hides farther", test_nearer_hides_farther},
             {"shadow falls away from the light", test_shadow_falls_away_from_the_light},
             {"frame and lengths", test_frame_and_lengths}, {"capsule is round", test_capsule_is_round},
             {"colour map", test_colour_map}, {"text", test_text},

@@ -4536,8 +4536,8 @@ public static unsafe class Native
     /// - Statics, and steps of several Newton iterations, find the balance with it; a linearised step (max_newton 1) takes
     ///   its forces at the start and its stiffness there, without what pressure in it takes off, plus 1e-4 thickness shear
     ///   where it wrinkles. Rayleigh damping leaves it out.
-    /// - A static solve goes evenly from the thickness times shear and the prestretch that the last one ended with to the
-    ///   present ones; a new membrane has all of its stiffness at once, and starts from prestretch 1.
+    /// - A static solve goes evenly from the thickness, shear and prestretch that the last one ended with to the present
+    ///   ones; a new membrane has all of its stiffness at once, and starts from prestretch 1.
     /// - When the mesh changes, it goes with its faces as pressures do, and a face that is cut keeps what of it is material;
     ///   where the rest shape of nodes moves, so does its. A tet10 with a membrane cannot be cut.
     /// Errors, with nothing added: SB_ERROR_ARGUMENT (NULL; no faces; corners; a face that no element has, or between two:

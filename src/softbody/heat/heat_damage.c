@@ -24,7 +24,8 @@ SBI_API void sbi_heat_harm(sb_heat *heat, double dt)
         int parts = wanted < 1 ? 1 : wanted < (double)SBI_HEAT_MOST_PARTS ? (int)wanted : (int)SBI_HEAT_MOST_PARTS;
         for (int k = 0; k <= parts; k++)
             sum += (k == 0 || k == parts ? 0.5 : 1) * sbi_heat_rate(heat, from + rise * k / parts);
-        heat->new_damage[i] = (sb_real)((double)heat->damage[i] + dt * sum / parts);
+        sum = (double)heat->damage[i] + dt * sum / parts;
+        heat->new_damage[i] = sum < (double)SB_REAL_MAX ? (sb_real)sum : SB_REAL_MAX; /* all dead by far, and finite */
     }
 }
 

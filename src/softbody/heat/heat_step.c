@@ -12,11 +12,15 @@ enum { SBI_HEAT_MOST_SYSTEMS = 50, SBI_HEAT_HALVINGS = 40 };
 
 /* ---- the balance of each node ---- */
 
-/* Share of latent heat that is taken up at a temperature. */
-static double sbi_heat_molten(const sb_heat *heat, double temperature)
+/* Share of its latent heat that a node takes up by its rise: from the rise itself, since the difference of what two
+ * temperatures have would be their rounding where the step is short. */
+static double sbi_heat_melted(const sb_heat *heat, int i)
 {
-    double low = (double)heat->def.latent_low, share = (temperature - low) / ((double)heat->def.latent_high - low);
-    return share < 0 ? 0 : share > 1 ? 1 : share;
+    double width = (double)heat->def.latent_high - (double)heat->def.latent_low, rise = heat->rise[i];
+    double from = (double)heat->temperature[i] - (double)heat->def.latent_low;
+    double start = from < 0 ? 0 : from > width ? width : from;
+    rise += from - start;
+    return (rise < -start ? -start : rise > width - start ? width - start : rise) / width;
 }
 
 static double sbi_heat_after(const sb_heat *heat, int i) { return (double)heat->temperature[i] + heat->rise[i]; }
@@ -26,8 +30,7 @@ static double sbi_heat_stored(const sb_heat *heat, int i)
 {
     double sum = heat->capacity[i] * heat->rise[i];
     if (heat->latent[i] > 0)
-        sum += heat->latent[i] *
-               (sbi_heat_molten(heat, sbi_heat_after(heat, i)) - sbi_heat_molten(heat, (double)heat->temperature[i]));
+        sum += heat->latent[i] * sbi_heat_melted(heat, i);
     return sum;
 }
 
@@ -91,20 +94,28 @@ static void sbi_heat_assemble(sb_heat *heat, double rate)
     }
 }
 
-/* rise += t change, with the largest t of 1, 1/2 ... at which the potential does not rise again by half its slope. */
+/* rise += t change; t is 1, or where the potential would rise again on the way there, where it hardly does: its slope
+ * along the change only grows with t, so that halves of what has it between them find that. */
 static sb_heat_flows sbi_heat_go(sb_heat *heat, double rate, double slope)
 {
+    const double enough = 0.1; /* of the slope at the start */
     sb_heat_flows flows;
-    double t = 1;
+    double t = 1, low = 0, high = 1;
     for (int i = 0; i < heat->node_count; i++)
         heat->rise[i] += heat->change[i];
     flows = sbi_heat_weigh(heat, rate);
     for (int k = 0; k < SBI_HEAT_HALVINGS && heat->has_latent; k++) {
-        if (sbi_heat_dot(heat, heat->residual, heat->change) >= -0.5 * slope)
+        double falls = sbi_heat_dot(heat, heat->residual, heat->change), next;
+        if (falls >= -enough * slope && (falls <= enough * slope || t == 1))
             break;
-        t *= 0.5;
+        if (falls < 0)
+            high = t;
+        else
+            low = t;
+        next = 0.5 * (low + high);
         for (int i = 0; i < heat->node_count; i++)
-            heat->rise[i] -= t * heat->change[i];
+            heat->rise[i] += (next - t) * heat->change[i];
+        t = next;
         flows = sbi_heat_weigh(heat, rate);
     }
     return flows;
@@ -170,7 +181,8 @@ static void sbi_heat_take_rise(sb_heat *heat)
         heat->temperature[i] = heat->held[i] ? heat->target[i] : (sb_real)sbi_heat_after(heat, i);
 }
 
-static void sbi_heat_add_flows(sb_heat_flows *sum, const sb_heat_flows *flows, double dt)
+/* 0: some sum is beyond what numbers hold. */
+static int sbi_heat_add_flows(sb_heat_flows *sum, const sb_heat_flows *flows, double dt)
 {
     sum->source += dt * flows->source;
     sum->metabolic += dt * flows->metabolic;
@@ -179,6 +191,8 @@ static void sbi_heat_add_flows(sb_heat_flows *sum, const sb_heat_flows *flows, d
     sum->held += dt * flows->held;
     sum->stored += dt * flows->stored;
     sum->error += dt * flows->error;
+    return isfinite(sum->source) && isfinite(sum->metabolic) && isfinite(sum->perfused) && isfinite(sum->convected) &&
+           isfinite(sum->held) && isfinite(sum->stored) && isfinite(sum->error);
 }
 
 /* What the temperatures are by now. */
@@ -195,15 +209,18 @@ static void sbi_heat_report(const sb_heat *heat, sb_heat_info *info)
 
 static sb_result sbi_heat_advance_by(sb_heat *heat, sb_real dt, sb_heat_info *info, sb_error *error)
 {
+    sb_heat_flows sums = heat->balance;
     sb_result result = sbi_heat_balance_out(heat, 1 / (double)dt, info, error);
     if (result == SB_OK)
         result = sbi_heat_check_rise(heat, error);
+    if (result == SB_OK && !sbi_heat_add_flows(&sums, &info->flows, (double)dt))
+        result = sbi_fail(error, SB_ERROR_DIVERGED, "the heat of %g s is not finite", (double)dt);
     if (result != SB_OK)
         return result;
     sbi_heat_harm(heat, (double)dt);
     sbi_heat_take_rise(heat);
     memcpy(heat->damage, heat->new_damage, (size_t)heat->node_count * sizeof *heat->damage);
-    sbi_heat_add_flows(&heat->balance, &info->flows, (double)dt);
+    heat->balance = sums;
     if (sbi_heat_stiffen(heat))
         sbi_body_cells_stiffened(heat->body);
     return SB_OK;
