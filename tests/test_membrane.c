@@ -353,6 +353,10 @@ static void test_explicit(void)
         high = fmax(high, (double)(energy.springs + energy.kinetic + energy.elastic));
     }
     CHECK(high < 1.04 * first);
+    {
+        sb_membrane_def firm = sheet_def(&mesh, 0.002, 1e5, 0); /* would gain energy */
+        CHECK_RESULT(sb_body_add_membrane(body, &firm, &id, NULL), SB_ERROR_UNSUPPORTED);
+    }
     sb_body_destroy(body);
     sb_mesh_free(&mesh);
 }

@@ -95,6 +95,10 @@ SB_API sb_result sb_body_add_membrane(sb_body *body, const sb_membrane_def *def,
     sb_result result;
     if (!body || !def || def->corners < 3 || def->corners > 4 || (def->faces && def->face_count < 1))
         return sbi_fail(error, SB_ERROR_ARGUMENT, "sb_body_add_membrane needs a body, and faces of 3 or 4 corners");
+    if (body->integrator == SB_CENTRAL_DIFFERENCE && !def->wrinkles)
+        return sbi_fail(error, SB_ERROR_UNSUPPORTED,
+                        "central differences take membranes that wrinkle only: others stiffen without bound as they "
+                        "are pressed together");
     law = sbi_membrane_make_law(def->thickness, def->shear, def->prestretch, def->wrinkles);
     result = sbi_membrane_check_law(&law, error);
     count = def->face_count;
