@@ -487,6 +487,7 @@ static sb_result act_derive(actor *a, int way)
     sb_static_options options = sb_default_static_options();
     sb_result result;
     options.forces_only = 1;
+    (void)sb_body_remove_load(a->body, a->cavity); /* derivatives know none that resists growing */
     if (sb_body_solve_static(a->body, &options, NULL) != SB_OK)
         return SB_OK;
     out = (sb_vec3 *)malloc(n * sizeof *out);
