@@ -332,7 +332,7 @@ build/host/main.o: tests/main.c tests/check.h build/double/suites.h build/flags
 build/host/tests: build/host/main.o $(filter-out %/main.o,$(TEST_UNITS:tests/%.c=build/double/%.o))
 	$(CC) $(CFLAGS) $^ -lm -lpthread -o $@
 # Tests whose own variables take 80 kB and more, and a suite that compares the NaN that it hands over.
-LENIENT = -embed/no -live_mesh/random -live_mesh/the -material_fit/refused -track/forged -verification_membranes -output/a -output/devices -picture/png -hostile
+LENIENT = -embed/no -live_mesh/random -live_mesh/the -material_fit/refused -verification_membranes -output/a -output/devices -picture/png -hostile
 test-host: build/host/tests build/double/tests
 	MALLOC_PERTURB_=1 tests/total.sh "build/host/tests $(or $(FILTER),$(LENIENT))" $(if $(FILTER),,"build/double/tests $(LENIENT:-%=%)")
 sanitize: build/sanitize/tests

@@ -14789,7 +14789,7 @@ static double regi_track_double(regi_track_image *image, double *value)
     memcpy(&word, value, sizeof word);
     word = regi_track_word(image, word, 8);
     memcpy(&found, &word, sizeof found);
-    image->bad |= image->in && found - found != 0;
+    image->bad |= image->in && !isfinite(found);
     *value = image->keeps ? found : *value;
     return found;
 }
