@@ -674,6 +674,30 @@ static void test_calls(void)
     sb_mesh_free(&mesh);
 }
 
+/* Blood that is nearly none cools as its balance with what the tissue makes says, or is refused. */
+static void test_faint_blood(void)
+{
+    static const double perfusions[6] = {1e3, 1, 1e-3, 1e-6, 1e-9, 1e-20};
+    sb_mesh mesh = block(SB_TET4);
+    for (int k = 0; k < 6; k++) {
+        sb_body *body = heat_body(&mesh, SB_INTEGRATION_AUTO, NULL);
+        sb_heat_def def = sb_default_heat_def();
+        sb_heat *heat;
+        sb_result result;
+        def.tissue.perfusion = REAL(perfusions[k]);
+        def.tissue.metabolic = REAL(perfusions[k]); /* a kelvin above the blood */
+        heat = heat_of(body, &def);
+        result = sb_heat_solve_steady(heat, NULL, NULL);
+        CHECK(result == SB_OK ? k < 5 : k > 2 && result == SB_ERROR_UNCONSTRAINED);
+        if (result == SB_OK)
+            for (int i = 0; i < mesh.node_count; i++)
+                CHECK_NEAR(sb_heat_temperatures(heat)[i] - def.blood, 1, 1e-2);
+        sb_heat_destroy(heat);
+        sb_body_destroy(body);
+    }
+    sb_mesh_free(&mesh);
+}
+
 /* Steps that fail leave everything as it was. */
 static void test_undo(void)
 {
@@ -828,4 +852,4 @@ CHECK_SUITE(heat, {"balance", test_balance}, {"still", test_still}, {"bounds", t
             {"latent, short steps and narrow", test_latent_hard}, {"regions", test_regions},
             {"stiffness", test_stiffness}, {"moving", test_moving}, {"state", test_state},
             {"recording", test_recording}, {"threads", test_threads}, {"defs", test_defs}, {"calls", test_calls},
-            {"undo", test_undo}, {"long steps", test_long}, {"memory", test_memory});
+            {"undo", test_undo}, {"faint blood", test_faint_blood}, {"long steps", test_long}, {"memory", test_memory});

@@ -5153,7 +5153,7 @@ public static unsafe class Native
     /// <summary>
     /// Temperatures that no longer change under the present sources, with blood where tissue is alive by now. Damage,
     /// stiffness and balance stay as they are. Also SB_ERROR_UNCONSTRAINED, naming a node of a part that nothing holds,
-    /// cools or perfuses.
+    /// cools or perfuses, but for what rounding would take beside what it conducts (2e-12 of that).
     /// </summary>
     [DllImport(Library, CallingConvention = CallingConvention.Cdecl)]
     public static extern sb_result sb_heat_solve_steady(sb_heat* heat, sb_heat_info* info, sb_error* error);

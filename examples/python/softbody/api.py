@@ -3271,7 +3271,7 @@ DOCUMENTATION = {
     'sb_heat_set_temperatures': 'temperatures[node_count] (K, > 0), but for nodes that are held; SB_ERROR_NOT_FINITE and SB_ERROR_ARGUMENT name the\nnode. Damage stays.',
     'sb_heat_reset': 'def.start everywhere, no damage, nothing in the balance; sources and held nodes stay.',
     'sb_heat_step': "Advances by dt (s, > 0) with implicit Euler: temperatures, then damage, then the elements' stiffness. Keep dt where\nsources or damage change little within it, 1 s and less. Damage is integrated along the line between both\ntemperatures, by trapezoids of 1 K and less. Allocates nothing. info and error may be NULL. A step that fails is\nundone: SB_ERROR_ARGUMENT, SB_ERROR_NOT_CONVERGED, SB_ERROR_INDEFINITE, SB_ERROR_DIVERGED (not finite, or below 0 K,\nnaming the node).",
-    'sb_heat_solve_steady': 'Temperatures that no longer change under the present sources, with blood where tissue is alive by now. Damage,\nstiffness and balance stay as they are. Also SB_ERROR_UNCONSTRAINED, naming a node of a part that nothing holds,\ncools or perfuses.',
+    'sb_heat_solve_steady': 'Temperatures that no longer change under the present sources, with blood where tissue is alive by now. Damage,\nstiffness and balance stay as they are. Also SB_ERROR_UNCONSTRAINED, naming a node of a part that nothing holds,\ncools or perfuses, but for what rounding would take beside what it conducts (2e-12 of that).',
     'sb_heat_temperatures': '---- readings: no allocation ----',
     'sb_heat_damage': '[node_count] (K), valid until destroyed',
     'sb_heat_dead_shares': 'shares[node_count]: 1 - exp(-Om), 0 alive to 1 dead.',

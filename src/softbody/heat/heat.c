@@ -151,7 +151,6 @@ static void sbi_heat_layout(sb_heat *heat, sbi_arena *arena)
     heat->row_start = (int *)sbi_arena_take(arena, n + 1, sizeof(int));
     heat->columns = (int *)sbi_arena_take(arena, q, sizeof(int));
     heat->diagonal = (int *)sbi_arena_take(arena, n, sizeof(int));
-    heat->part_is_held = (int *)sbi_arena_take(arena, (size_t)heat->body->component_count, sizeof(int));
     heat->held = (unsigned char *)sbi_arena_take(arena, n, 1);
 }
 

@@ -157,7 +157,7 @@ typedef struct sb_heat_info {
 SB_API sb_result sb_heat_step(sb_heat *heat, sb_real dt, sb_heat_info *info, sb_error *error);
 /* Temperatures that no longer change under the present sources, with blood where tissue is alive by now. Damage,
  * stiffness and balance stay as they are. Also SB_ERROR_UNCONSTRAINED, naming a node of a part that nothing holds,
- * cools or perfuses. */
+ * cools or perfuses, but for what rounding would take beside what it conducts (2e-12 of that). */
 SB_API sb_result sb_heat_solve_steady(sb_heat *heat, sb_heat_info *info, sb_error *error);
 
 /* ---- readings: no allocation ---- */

@@ -55,13 +55,12 @@ struct sb_heat {
     sb_real *stiffness;                     /* [cell_count]; NULL: def.stiffening is 0 */
     sb_heat_flows balance;
 
-    /* scratch of a solve, [node_count] but for the first two */
+    /* scratch of a solve, [node_count] but for the first two; product and smooth also by parts */
     double *matrix, *factor; /* [entry_count] A, and L of A ~ L L^T in its lower triangle */
     double *blood;           /* W/K, what perfusion is left of */
     double *rise;            /* T at the end less T before (K) */
     double *residual, *change, *direction, *product, *smooth;
     sb_real *new_damage;
-    int *part_is_held; /* [component_count] */
 };
 
 /* ---- heat_matrix.c ---- */

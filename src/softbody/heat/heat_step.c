@@ -3,6 +3,7 @@
  */
 #include "heat_private.h"
 
+#include <float.h>
 #include <math.h>
 #include <string.h>
 
@@ -245,23 +246,37 @@ SB_API sb_result sb_heat_step(sb_heat *heat, sb_real dt, sb_heat_info *info, sb_
 
 /* ---- steady ---- */
 
-/* SB_ERROR_UNCONSTRAINED where temperatures of a part may rise together and nothing answers. */
-static sb_result sbi_heat_check_parts(sb_heat *heat, sb_error *error)
+/* answers[part] and conducts[part]: W/K that a part gives away as all of it gets warmer, and that it conducts inside.
+ */
+static void sbi_heat_sum_parts(const sb_heat *heat, double *answers, double *conducts)
 {
     const int *part = heat->body->node_component;
     for (int k = 0; k < heat->body->component_count; k++)
-        heat->part_is_held[k] = 0;
+        answers[k] = conducts[k] = 0;
     for (int i = 0; i < heat->node_count; i++)
-        if (part[i] >= 0 && (heat->held[i] || heat->blood[i] > 0))
-            heat->part_is_held[part[i]] = 1;
+        if (part[i] >= 0) {
+            conducts[part[i]] += heat->conduction[heat->diagonal[i]];
+            answers[part[i]] += heat->held[i] ? heat->conduction[heat->diagonal[i]] : heat->blood[i];
+        }
     for (int k = 0; k < heat->source_count; k++)
-        if (heat->sources[k].kind == SBI_HEAT_CONVECTION && *heat->sources[k].value > 0)
-            for (int j = 0; j < heat->sources[k].count; j++)
-                heat->part_is_held[part[heat->sources[k].rows[j]]] = 1;
+        for (int j = 0; heat->sources[k].kind == SBI_HEAT_CONVECTION && j < heat->sources[k].count; j++)
+            answers[part[heat->sources[k].rows[j]]] +=
+                (double)*heat->sources[k].value * (double)heat->sources[k].shares[j];
+}
+
+/* SB_ERROR_UNCONSTRAINED where temperatures of a part may rise together and nothing answers, or so little beside what
+ * it conducts that rounding leaves no four digits of that. */
+static sb_result sbi_heat_check_parts(sb_heat *heat, sb_error *error)
+{
+    const double least = 1e4 * DBL_EPSILON;
+    double *answers = heat->product, *conducts = heat->smooth;
+    const int *part = heat->body->node_component;
+    sbi_heat_sum_parts(heat, answers, conducts);
     for (int i = 0; i < heat->node_count; i++)
-        if (part[i] >= 0 && !heat->part_is_held[part[i]])
+        if (part[i] >= 0 && !(answers[part[i]] > least * conducts[part[i]]))
             return sbi_fail_node(error, SB_ERROR_UNCONSTRAINED, i,
-                                 "nothing holds, cools or perfuses the part with node %d", i);
+                                 "nothing holds, cools or perfuses the part with node %d: %g W/K of %g", i,
+                                 answers[part[i]], conducts[part[i]]);
     return SB_OK;
 }
 
