@@ -332,8 +332,9 @@ build/host/main.o: tests/main.c tests/check.h build/double/suites.h build/flags
 build/host/tests: build/host/main.o $(filter-out %/main.o,$(TEST_UNITS:tests/%.c=build/double/%.o))
 	$(CC) $(CFLAGS) $^ -lm -lpthread -o $@
 # Tests whose own variables take 80 kB and more, a suite that compares the NaN that it hands over, and one with a solid of
-# 1e-7 of its sheet's stiffness, which leaves the range of the preconditioner's floats on the way: they run without traps.
-LENIENT = -embed/no -live_mesh/random -live_mesh/the -material_fit/refused -verification_membranes -output/a -output/devices -picture/png -hostile
+# 1e-7 of its sheet's stiffness, which leaves the range of the preconditioner's floats on the way, and steps of heat so
+# long that numbers overflow: they run without traps.
+LENIENT = -embed/no -live_mesh/random -live_mesh/the -material_fit/refused -verification_membranes -heat/long -output/a -output/devices -picture/png -hostile
 test-host: build/host/tests build/double/tests
 	MALLOC_PERTURB_=1 tests/total.sh "build/host/tests $(or $(FILTER),$(LENIENT))" $(if $(FILTER),,"build/double/tests $(LENIENT:-%=%)")
 sanitize: build/sanitize/tests
