@@ -1011,7 +1011,7 @@ check "a chart" grep -q '</svg>' cut_force.svg
 check "a row for each frame of three cuts" [ "$(wc -l <cut_force.csv | tr -d ' ')" = 541 ]
 force="cut_force --cells 4"
 expect 0 '^close .* J_c 100 J/m2: .* mN m at most' $force --scissors --toughness 100 --speed 0.2 -o close
-expect 0 '^close .* 150.0 J/m2 with 0.0[1-9][0-9]* J not felt yet' $force --steps --scissors --speed 0.2 -o owed
+expect 0 '^close .* 150.0 J/m2 with 0[.]0*[1-9][0-9]* J not felt yet' $force --steps --scissors --speed 0.2 -o owed
 expect 0 '^most=0.000 work_J=0.00000' $force --toughness 0 --speed 0.2 -o none
 expect 0 '^most=' $force --steps --toughness 5 --young 200000 --speed 0.2 --lattice 1 --front lag -o steps
 expect 0 '^most=' $force --steps --toughness 5 --young 200000 --speed 0.2 --lattice 1 --front lag -o again
