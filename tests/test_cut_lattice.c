@@ -877,10 +877,10 @@ static void test_four_points(void)
             parted = parted_random(&lattice, check_random_in(&seed, 0.3, 1), &seed);
             sbi_parted_moments(&parted, 0, moments);
             for (int k = 0; k < parted.piece_count; k++) {
-                sbi_piece piece = sbi_piece_make(moments[k].centre, &moments[k].spread, NULL);
+                sbi_piece piece = sbi_piece_make(moments[k].centre, &moments[k].spread, 4, NULL);
                 sb_real points[4][3], masses[10];
                 double tolerance = scene_tolerance(1e-11, 64);
-                CHECK(sbi_piece_is_sound(&piece));
+                CHECK(sbi_piece_is_sound(&piece, 4));
                 sbi_piece_points(&piece, points);
                 for (int a = 0; a < 3; a++)
                     for (int c = 0; c < 3; c++) {

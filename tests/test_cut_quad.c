@@ -765,39 +765,6 @@ static void test_mistakes(void)
     sb_mesh_free(&hexes);
 }
 
-/* A pressure on a face that would be cut is refused, and nothing has happened then; so is one on a piece. */
-static void test_pressure(void)
-{
-    block_options options = quad_default(2, SB_CUT_LAG);
-    block b = block_make(&options);
-    int local[SB_MAX_FACE_NODES], face[3] = {-1, -1, -1}, id, tet = 0, side = 0;
-    sb_vec3 triangles[6], middle = {0, 0, 0};
-    sb_error error;
-    uint64_t hash;
-    while (b.cut->neighbours.items[side] >= 0)
-        side++;
-    tet = side / 4;
-    sb_element_face(SB_TET4, side % 4, local, NULL);
-    for (int k = 0; k < 3; k++) {
-        face[k] = b.cut->tets[4 * tet + local[k]];
-        middle = sb_v3_madd(middle, REAL(1) / 3, b.mesh.nodes[face[k]]);
-    }
-    CHECK_OK(sb_body_add_pressure(b.body, face, 1, 3, 10, &id, &error));
-    hash = sb_body_state_hash(b.body);
-    square_make(middle, sb_v3(1, REAL(0.3), REAL(0.2)), 0.2, triangles);
-    CHECK_RESULT(sb_cut_triangles(b.cut, triangles, 2, NULL, &error), SB_ERROR_UNSUPPORTED);
-    CHECK_INT(error.element, tet);
-    CHECK(sb_body_state_hash(b.body) == hash);
-    check_pieces(&b);
-    CHECK_OK(sb_body_remove_load(b.body, id));
-    CHECK_INT(block_cut(&b, triangles, 2).parts, 2);
-    for (int k = 0; k < 3; k++)
-        face[k] = sb_body_cell_nodes(b.body, b.cut->pieces[tet].cell)[local[k]];
-    CHECK_RESULT(sb_body_add_pressure(b.body, face, 1, 3, 10, &id, &error), SB_ERROR_UNSUPPORTED);
-    CHECK_RESULT(sb_body_add_traction(b.body, face, 1, 3, sb_v3(1, 0, 0), &error), SB_ERROR_UNSUPPORTED);
-    block_free(&b);
-}
-
 CHECK_SUITE(cut_quad, {"double cantilever by peeling", test_peeling}, {"a plane parts a shaking block", test_plane},
             {"energy of materials that are not linear", test_energy}, {"crossing planes", test_counts},
             {"half a block is a block", test_half_block}, {"halves ring alike", test_frequency},
@@ -808,4 +775,4 @@ CHECK_SUITE(cut_quad, {"double cantilever by peeling", test_peeling}, {"a plane 
             {"edge-cracked plate", test_crack}, {"slivers", test_slivers}, {"offsets", test_offsets},
             {"every allocation fails in turn", test_no_memory},
             {"steps and idle moves allocate nothing", test_no_allocation}, {"explicit steps go on", test_explicit},
-            {"mistakes are named", test_mistakes}, {"pressures on faces that are cut", test_pressure});
+            {"mistakes are named", test_mistakes});

@@ -1264,7 +1264,7 @@ public unsafe struct sb_change_cell
     public sb_vec3* fibre;
     public double share;
     public sb_cell_moments* moments;
-    public IntPtr face_loads;
+    public double* face_loads;
 }
 [StructLayout(LayoutKind.Sequential)]
 public unsafe struct sb_body_listener
@@ -4539,7 +4539,7 @@ public static unsafe class Native
     /// - A static solve goes evenly from the thickness, shear and prestretch that the last one ended with to the present
     ///   ones; a new membrane has all of its stiffness at once, and starts from prestretch 1.
     /// - When the mesh changes, it goes with its faces as pressures do, and a face that is cut keeps what of it is material;
-    ///   where the rest shape of nodes moves, so does its. A tet10 with a membrane cannot be cut.
+    ///   where the rest shape of nodes moves, so does its.
     /// Errors, with nothing added: SB_ERROR_ARGUMENT (NULL; no faces; corners; a face that no element has, or between two:
     /// error-&gt;node is its first; a face without area; thickness, shear or prestretch out of range), SB_ERROR_INDEX (a node
     /// out of range: error-&gt;node), SB_ERROR_NOT_FINITE, SB_ERROR_MEMORY, SB_ERROR_UNSUPPORTED (faces of a cut tet10; in a

@@ -132,7 +132,7 @@ SB_INLINE int sbi_load_has_faces(const sbi_load *load)
 
 /* A traction on a face, or on a piece's part of it. */
 typedef struct sbi_traction {
-    int nodes[3];
+    int nodes[6];   /* 3 of tet4, the rest -1; 6 of tet10 */
     sb_vec3 stress; /* Pa on undeformed area */
 } sbi_traction;
 
@@ -403,7 +403,7 @@ SBI_API void sbi_body_tell_command(sb_body *body, const sbi_command *command);
 
 /* Room for so many more tractions by face. SB_ERROR_MEMORY. */
 SBI_API sb_result sbi_body_reserve_tractions(sb_body *body, int more, sb_error *error);
-/* dead_load += what a traction on a face of tet4, or a part of one, gives its nodes. */
+/* dead_load += what a traction on a face, or a part of one, gives its nodes. */
 SBI_API void sbi_body_spread_traction(const sb_body *body, const sbi_traction *traction, sb_vec3 *dead_load);
 /* What of its faces is material, as the body's cells are now; does nothing for a load without faces. */
 SBI_API void sbi_load_weigh_faces(const sb_body *body, sbi_load *load);
@@ -547,15 +547,17 @@ typedef struct sbi_body_face {
     int nodes[SB_MAX_FACE_NODES]; /* counter-clockwise from outside */
     int inner;                    /* 1: an element stands on its other side, too */
 } sbi_body_face;
-/* The face number f of a caller's list faces[][corners], or SB_ERROR_INDEX or SB_ERROR_ARGUMENT naming it. */
-SBI_API sb_result sbi_body_get_face(const sb_body *body, const int *faces, int f, int corners, sbi_body_face *found,
+/* The face number f of a caller's list faces[][count], or SB_ERROR_INDEX or SB_ERROR_ARGUMENT naming it. count: that of
+ * its corners, or of all nodes that a face of the element has. */
+SBI_API sb_result sbi_body_get_face(const sb_body *body, const int *faces, int f, int count, sbi_body_face *found,
                                     sb_error *error);
-/* SB_ERROR_UNSUPPORTED where a face, as found, is that of a piece of a tet10: how much of it is material nobody knows.
- */
-SBI_API sb_result sbi_body_check_whole(const sb_body *body, const sbi_body_face *face, sb_error *error);
-/* What of a face of tet4, as found, is material: int N dA over the cells behind it, over the face's area, by its nodes;
- * all of it unless cells are pieces. */
-SBI_API void sbi_body_face_loads(const sb_body *body, const int nodes[3], sb_real loads[3]);
+/* Faces with the corners of one that was found, itself first: pieces of a tet10 may share corners and differ in the
+ * nodes between them. Returns how many, 1 of all other elements. */
+enum { SBI_BODY_TWINS = 35 }; /* an element has at most as many pieces */
+SBI_API int sbi_body_twin_faces(const sb_body *body, const sbi_body_face *face, sbi_body_face twins[SBI_BODY_TWINS]);
+/* What of a face of tet4 (count 3) or tet10 (6), as found, is material: int N dA over the cells behind it, over the
+ * face's area, by its nodes; all of it unless cells are pieces. */
+SBI_API void sbi_body_face_loads(const sb_body *body, const int *nodes, int count, sb_real *loads);
 /* 1 when the named corners of an element (all different) are those of the list. */
 SBI_API int sbi_body_has_corners(const int *list, const int *cell, const int *local, int count);
 /* H^T u of a row: the displacement of its point. */

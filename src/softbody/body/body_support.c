@@ -29,82 +29,113 @@ static int sbi_body_is_reversed(const int *a, const int *b, int corners)
     return 0;
 }
 
-/* Finds the element face with these corner nodes; 0 when there is none. */
-static int sbi_body_find_face(const sb_body *body, const int *corners, int count, sbi_body_face *found)
+/* 1 when all of these nodes are in the list, which has as many. */
+static int sbi_body_are_listed(const int *list, const int *nodes, int count)
 {
-    sbi_element element = sbi_domain_element(&body->domain);
-    int n = body->domain.nodes_per_cell;
-    memset(found, 0, sizeof *found);
-    for (int at = sbi_live_first_cell(body, corners[0]); at >= 0; at = sbi_live_next_cell(body, corners[0], at)) {
-        const int *cell = body->domain.cells + (size_t)sbi_live_cell_of(body, at) * (size_t)n;
-        for (int face = 0; face < sbi_element_face_count(element); face++) {
-            int local[SB_MAX_FACE_NODES], nodes[SB_MAX_FACE_NODES];
-            sb_element_type face_type = SB_NO_ELEMENT;
-            int face_nodes = sbi_element_face(element, face, local, &face_type);
-            if (sb_element_corner_count(face_type) != count || !sbi_body_has_corners(corners, cell, local, count))
-                continue;
-            for (int i = 0; i < face_nodes; i++)
-                nodes[i] = cell[local[i]];
-            if (found->count) {
-                found->inner |= sbi_body_is_reversed(found->nodes, nodes, count);
-                continue;
-            }
-            found->type = face_type;
-            found->count = face_nodes;
-            memcpy(found->nodes, nodes, (size_t)face_nodes * sizeof *nodes);
-        }
-    }
-    return found->count > 0;
+    int found = 0;
+    for (int k = 0; k < count; k++)
+        for (int i = 0; i < count && found == k; i++)
+            found += nodes[k] == list[i];
+    return found == count;
 }
 
-SBI_API sb_result sbi_body_get_face(const sb_body *body, const int *faces, int f, int corners, sbi_body_face *found,
+/* A face of a cell; inner is not looked at. */
+static sbi_body_face sbi_body_face_of(const sb_body *body, int cell, int side)
+{
+    const int *nodes = body->domain.cells + (size_t)cell * (size_t)body->domain.nodes_per_cell;
+    int local[SB_MAX_FACE_NODES];
+    sbi_body_face face;
+    memset(&face, 0, sizeof face);
+    face.count = sbi_element_face(sbi_domain_element(&body->domain), side, local, &face.type);
+    for (int k = 0; k < face.count; k++)
+        face.nodes[k] = nodes[local[k]];
+    return face;
+}
+
+/* 1 when another cell has a face with the same corners the other way round. */
+static int sbi_body_is_inner(const sb_body *body, const sbi_body_face *face)
+{
+    const int sides = sbi_element_face_count(sbi_domain_element(&body->domain));
+    const int corners = sb_element_corner_count(face->type);
+    for (int at = sbi_live_first_cell(body, face->nodes[0]); at >= 0; at = sbi_live_next_cell(body, face->nodes[0], at))
+        for (int side = 0; side < sides; side++) {
+            sbi_body_face other = sbi_body_face_of(body, sbi_live_cell_of(body, at), side);
+            if (sb_element_corner_count(other.type) == corners &&
+                sbi_body_are_listed(face->nodes, other.nodes, corners) &&
+                sbi_body_is_reversed(face->nodes, other.nodes, corners))
+                return 1;
+        }
+    return 0;
+}
+
+/* Finds the element face with these nodes: its corners, or all that it has; 0 when there is none. */
+static int sbi_body_find_face(const sb_body *body, const int *list, int count, sbi_body_face *found)
+{
+    const int sides = sbi_element_face_count(sbi_domain_element(&body->domain));
+    for (int at = sbi_live_first_cell(body, list[0]); at >= 0; at = sbi_live_next_cell(body, list[0], at))
+        for (int side = 0; side < sides; side++) {
+            *found = sbi_body_face_of(body, sbi_live_cell_of(body, at), side);
+            if ((count != sb_element_corner_count(found->type) && count != found->count) ||
+                !sbi_body_are_listed(list, found->nodes, count))
+                continue;
+            found->inner = sbi_body_is_inner(body, found);
+            return 1;
+        }
+    memset(found, 0, sizeof *found);
+    return 0;
+}
+
+SBI_API int sbi_body_twin_faces(const sb_body *body, const sbi_body_face *face, sbi_body_face twins[SBI_BODY_TWINS])
+{
+    int count = 1, corners = sb_element_corner_count(face->type);
+    twins[0] = *face;
+    if (face->count == corners || face->inner || !body->live || !body->live->piece_count)
+        return 1;
+    for (int at = sbi_live_first_cell(body, face->nodes[0]); at >= 0; at = sbi_live_next_cell(body, face->nodes[0], at))
+        for (int side = 0; side < 4; side++) {
+            sbi_body_face other = sbi_body_face_of(body, sbi_live_cell_of(body, at), side);
+            int known = !sbi_body_are_listed(face->nodes, other.nodes, corners);
+            for (int k = 0; k < count && !known; k++)
+                known = sbi_body_are_listed(twins[k].nodes, other.nodes, other.count);
+            if (!known && count < SBI_BODY_TWINS)
+                twins[count++] = other;
+        }
+    return count;
+}
+
+SBI_API sb_result sbi_body_get_face(const sb_body *body, const int *faces, int f, int count, sbi_body_face *found,
                                     sb_error *error)
 {
-    const int *face = faces + (size_t)f * (size_t)corners;
+    const int *face = faces + (size_t)f * (size_t)count;
     found->count = 0;
-    for (int k = 0; k < corners; k++)
+    for (int k = 0; k < count; k++)
         if (sbi_body_check_nodes(body, face + k, 1, NULL) != SB_OK)
             return sbi_fail_node(error, SB_ERROR_INDEX, face[k], "face %d has node %d, which is outside the mesh", f,
                                  face[k]);
-    if (!sbi_body_find_face(body, face, corners, found))
+    if (!sbi_body_find_face(body, face, count, found))
         return sbi_fail_node(error, SB_ERROR_ARGUMENT, face[0], "face %d (nodes %d %d %d ...) is no face of an element",
                              f, face[0], face[1], face[2]);
     return SB_OK;
 }
 
-SBI_API sb_result sbi_body_check_whole(const sb_body *body, const sbi_body_face *face, sb_error *error)
+SBI_API void sbi_body_face_loads(const sb_body *body, const int *nodes, int count, sb_real *loads)
 {
-    int at = body->domain.element_type == SB_TET10 && body->live && body->live->piece_count
-                 ? sbi_live_first_cell(body, face->nodes[0])
-                 : -1;
-    for (; at >= 0; at = sbi_live_next_cell(body, face->nodes[0], at)) {
-        int e = sbi_live_cell_of(body, at), local[SB_MAX_FACE_NODES];
-        for (int side = 0; side < 4 && sbi_live_is_piece(body, e); side++) {
-            sb_element_face(SB_TET4, side, local, NULL);
-            if (sbi_body_has_corners(face->nodes, body->domain.cells + 10 * (size_t)e, local, 3))
-                return sbi_fail_element(
-                    error, SB_ERROR_UNSUPPORTED, e,
-                    "cell %d is a piece of a tet10: its faces take no pressures, tractions and membranes", e);
-        }
-    }
-    return SB_OK;
-}
-
-SBI_API void sbi_body_face_loads(const sb_body *body, const int nodes[3], sb_real loads[3])
-{
-    loads[0] = loads[1] = loads[2] = 0;
+    const sb_element_type type = body->domain.element_type;
+    const size_t n = (size_t)body->domain.nodes_per_cell;
+    for (int i = 0; i < count; i++)
+        loads[i] = 0;
     for (int at = sbi_live_first_cell(body, nodes[0]); at >= 0; at = sbi_live_next_cell(body, nodes[0], at)) {
         int e = sbi_live_cell_of(body, at), local[SB_MAX_FACE_NODES];
-        const int *cell = body->domain.cells + 4 * (size_t)e;
+        const int *cell = body->domain.cells + n * (size_t)e;
         for (int face = 0; face < 4; face++) {
-            int count = sb_element_face(SB_TET4, face, local, NULL);
-            if (!sbi_body_has_corners(nodes, cell, local, count))
+            sb_element_face(type, face, local, NULL);
+            if (!sbi_body_has_corners(nodes, cell, local, count)) /* pieces of a tet10 may share corners alone */
                 continue;
-            for (int i = 0; i < 3; i++)
-                for (int k = 0; k < 3; k++)
+            for (int i = 0; i < count; i++)
+                for (int k = 0; k < count; k++)
                     if (cell[local[k]] == nodes[i])
-                        loads[i] +=
-                            sbi_live_is_piece(body, e) ? body->live->pieces[e].faces[face][k] : sbi_piece_whole_load();
+                        loads[i] += sbi_live_is_piece(body, e) ? body->live->pieces[e].faces[face][k]
+                                                               : sbi_piece_whole_load(count, k);
         }
     }
 }

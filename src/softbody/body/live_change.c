@@ -77,7 +77,7 @@ static sb_result sbi_change_reserve(sb_body_change *change, int nodes, sb_error 
         !SBI_CHANGE_ROOM(change, removed_cells, 1) || !SBI_CHANGE_ROOM(change, entries, expanded) ||
         !SBI_CHANGE_ROOM(change, corners, SB_MAX_ELEMENT_NODES) ||
         !SBI_CHANGE_ROOM(change, log_ints, nodes + 8 + SB_MAX_ELEMENT_NODES) ||
-        !SBI_CHANGE_ROOM(change, log_reals, nodes + 8 + SBI_CHANGE_MOMENTS + SBI_PIECE_FACES))
+        !SBI_CHANGE_ROOM(change, log_reals, nodes + 8 + SBI_CHANGE_MOMENTS + 24))
         return sbi_change_no_memory(error);
     return SB_OK;
 }
@@ -174,7 +174,7 @@ static sb_body_change *sbi_change_make(sb_body *body, int cells)
         !SBI_CHANGE_ROOM(change, removed_cells, cells) || !SBI_CHANGE_ROOM(change, entries, 4 * cells) ||
         !SBI_CHANGE_ROOM(change, corners, cells * body->domain.nodes_per_cell) ||
         !SBI_CHANGE_ROOM(change, log_ints, (12 + body->domain.nodes_per_cell) * cells) ||
-        !SBI_CHANGE_ROOM(change, log_reals, (12 + SBI_PIECE_FACES) * cells) ||
+        !SBI_CHANGE_ROOM(change, log_reals, (12 + 24) * cells) ||
         !sbi_change_copy_slots(change, &change->nodes, &body->live->nodes, &change->node_at) ||
         !sbi_change_copy_slots(change, &change->cells, &body->live->cells, &change->cell_at)) {
         sbi_change_destroy(change);
@@ -489,15 +489,16 @@ static int sbi_change_region(const sb_body *body, int region)
 static sb_result sbi_change_check_moments(const sb_body *body, const sb_change_cell *cell, sb_error *error)
 {
     const sb_cell_moments *moments = cell->moments;
-    sbi_piece piece = sbi_piece_make(moments->centroid, &moments->covariance, cell->face_loads);
+    const int nodes = body->domain.nodes_per_cell, face_nodes = sbi_piece_face_nodes(nodes);
+    sbi_piece piece = sbi_piece_make(moments->centroid, &moments->covariance, nodes, cell->face_loads);
     int finite = sb_v3_is_finite(moments->centroid);
     for (int i = 0; i < 3; i++)
         finite &= sb_v3_is_finite(sb_m3_column(moments->covariance, i));
-    for (int k = 0; k < SBI_PIECE_FACES; k++)
-        finite &= sb_is_finite(piece.faces[k / 3][k % 3]);
+    for (int k = 0; cell->face_loads && k < 4 * face_nodes; k++)
+        finite &= sb_is_finite(cell->face_loads[k]);
     if (!finite)
         return sbi_fail(error, SB_ERROR_NOT_FINITE, "the moments of a cell are not finite");
-    if (!sbi_piece_is_sound(&piece))
+    if (!sbi_piece_is_sound(&piece, nodes))
         return sbi_fail(error, SB_ERROR_ARGUMENT, "the moments of a cell are not those of a piece of a tet");
     return sbi_live_check_pieces(body, error);
 }
@@ -520,8 +521,8 @@ static sb_result sbi_change_check_cell(sb_body_change *change, const sb_change_c
         return sbi_fail(error, SB_ERROR_NOT_FINITE, "the fibre of a cell is not finite");
     if (cell->fibre && !body->fibres)
         return sbi_fail(error, SB_ERROR_ARGUMENT, "a cell has a fibre, but the body has none: sb_body_set_fibres");
-    if (cell->face_loads && (!cell->moments || body->domain.element_type != SB_TET4))
-        return sbi_fail(error, SB_ERROR_ARGUMENT, "loads of faces go with the moments of a piece of tet4");
+    if (cell->face_loads && !cell->moments)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "loads of faces go with the moments of a piece");
     return cell->moments ? sbi_change_check_moments(body, cell, error) : SB_OK;
 }
 
@@ -539,8 +540,8 @@ static void sbi_change_log_cell(sb_body_change *change, const sb_change_cell *ce
         for (int i = 0; i < 9; i++)
             sbi_change_log_real(change, cell->moments->covariance.m[i / 3][i % 3]);
     }
-    for (int k = 0; cell->face_loads && k < SBI_PIECE_FACES; k++)
-        sbi_change_log_real(change, cell->face_loads[k / 3][k % 3]);
+    for (int k = 0; cell->face_loads && k < 4 * sbi_piece_face_nodes(change->body->domain.nodes_per_cell); k++)
+        sbi_change_log_real(change, cell->face_loads[k]);
 }
 
 /* Puts a checked cell into a slot that was taken for it; there is room. */
@@ -554,7 +555,8 @@ static void sbi_change_put_cell(sb_body_change *change, int slot, const sb_chang
     made->parent = parent;
     made->share = cell->share;
     if (cell->moments)
-        made->piece = sbi_piece_make(cell->moments->centroid, &cell->moments->covariance, cell->face_loads);
+        made->piece = sbi_piece_make(cell->moments->centroid, &cell->moments->covariance, body->domain.nodes_per_cell,
+                                     cell->face_loads);
     made->material = cell->region != SB_AUTO ? sbi_change_region(body, cell->region)
                      : parent >= 0           ? body->cell_material[parent]
                                              : 0;
@@ -698,7 +700,7 @@ static sb_result sbi_change_replay_cell(sb_body_change *change, sbi_change_reade
     int nodes[SB_MAX_ELEMENT_NODES], has_fibre, number = replaces ? sbi_change_next_int(reader) : -1;
     sb_change_cell cell = sb_default_change_cell();
     sb_cell_moments moments;
-    sb_real face_loads[4][3];
+    sb_real face_loads[24];
     sb_vec3 fibre;
     cell.parent = sbi_change_next_int(reader);
     cell.region = sbi_change_next_int(reader);
@@ -715,9 +717,9 @@ static sb_result sbi_change_replay_cell(sb_body_change *change, sbi_change_reade
             moments.covariance.m[i / 3][i % 3] = sbi_change_next_real(reader);
         cell.moments = &moments;
     }
-    for (int k = 0; is_part && k < SBI_PIECE_FACES; k++)
-        face_loads[k / 3][k % 3] = sbi_change_next_real(reader);
-    cell.face_loads = is_part ? (const sb_real(*)[3])face_loads : NULL;
+    for (int k = 0; is_part && k < 4 * sbi_piece_face_nodes(change->body->domain.nodes_per_cell); k++)
+        face_loads[k] = sbi_change_next_real(reader);
+    cell.face_loads = is_part ? face_loads : NULL;
     if (reader->bad)
         return SB_OK;
     return replaces ? sb_body_change_replace_cell(change, number, &cell, error)

@@ -32,11 +32,12 @@
  *   (SB_NODE_COPY) only along those that it is asked to keep (SB_NODE_KEEP_X ...). A node moved keeps its supports,
  *   with weighted targets where all its sources have them. A supported node without heirs cannot be removed
  *   (SB_ERROR_ARGUMENT): release it first.
- * - Dead loads stay with their nodes; a removed node's go to its heirs, or with it. Tractions on faces of tet4 are kept
- *   by face besides, and go to its parts where it is cut.
+ * - Dead loads stay with their nodes; a removed node's go to its heirs, or with it. Tractions on faces of tet4 and
+ *   tet10 are kept by face besides, and go to its parts where it is cut.
  * - Pressures: a face that was split passes its pressure on to its parts; one whose cell went is no longer loaded.
- *   Where a tet4 falls into pieces, each has what acts on its part of the face (face_loads): force and moment are what
- *   they were, to rounding. What a cut lays open is not loaded. A load cannot lose its last face (SB_ERROR_ARGUMENT).
+ *   Where a tet falls into pieces, each has what acts on its part of the face (face_loads): force and moment are what
+ *   they were, to rounding; on faces of tet10 that are bent the moment is, but for what bends (see cut.h). What a cut
+ * lays open is not loaded. A load cannot lose its last face (SB_ERROR_ARGUMENT).
  * - Springs and mappings: a removed node's weight goes to its heirs (a spring needs one heir); a row that is a point in
  *   a removed cell becomes the same material point of the cell made there, of an element that is cut of the piece that
  *   has it. Points in space stay.
@@ -96,9 +97,9 @@ typedef struct sb_change_cell {
                     * leaves part of a cell: stiffness and mass are its share of the whole cell's */
     const sb_cell_moments *moments; /* of the material of a piece of tet4 or straight tet10: mass and points are where
                                      * it is. NULL (default): spread over all of the cell */
-    const sb_real (*face_loads)[3]; /* [4] of a piece of tet4: int N dA over its part of each face (sb_element_face), by
-                                     * the face's corners, over the area of the face: they are >= 0 and sum to its
-                                     * share of the face. NULL (default): all of each face */
+    const sb_real *face_loads; /* [4][3] of a piece of tet4, [4][6] of tet10: int N_a dA over its part of each face, by
+                                * the face's nodes (sb_element_face), over the area of the face: they sum to its share
+                                * of the face. NULL (default): all of each face */
 } sb_change_cell;
 SB_API sb_change_cell sb_default_change_cell(void);
 

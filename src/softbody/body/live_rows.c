@@ -438,18 +438,18 @@ static int sbi_live_add_face(sbi_live_rows *rows, const sbi_body_face *face)
     return 1;
 }
 
-/* Share of a face of tet4 that is material on these nodes. */
-static sb_real sbi_live_face_share(const sb_body *body, const int *nodes)
+/* Share of a face that is material on these nodes. */
+static sb_real sbi_live_face_share(const sb_body *body, const int *nodes, int count)
 {
-    sb_real loads[3];
-    sbi_body_face_loads(body, nodes, loads);
-    return loads[0] + loads[1] + loads[2];
+    sb_real loads[SB_MAX_FACE_NODES];
+    sbi_body_face_loads(body, nodes, count, loads);
+    return sbi_piece_face_share(loads, count);
 }
 
 /* 1 when none of a face is, as pieces of its tet have all of it on other nodes. */
-static int sbi_live_face_is_empty(const sbi_live_rows *rows, const int *nodes)
+static int sbi_live_face_is_empty(const sbi_live_rows *rows, const int *nodes, int count)
 {
-    return !(sbi_live_face_share(rows->next, nodes) > 0);
+    return !(sbi_live_face_share(rows->next, nodes, count) > 0);
 }
 
 /* Adds the outer faces of a made cell whose nodes are all marked; 0: no memory. */
@@ -457,20 +457,19 @@ static int sbi_live_add_parts(sbi_live_rows *rows, int made)
 {
     sbi_element element = sbi_domain_element(&rows->next->domain);
     int n = rows->change->nodes_per_cell;
-    int pieces = rows->next->live->piece_count > 0 && rows->next->domain.element_type == SB_TET4;
+    int pieces = rows->next->live->piece_count > 0;
     const int *cell = rows->change->made_cell_nodes + (size_t)made * (size_t)n;
     for (int f = 0; f < sbi_element_face_count(element); f++) {
-        int local[SB_MAX_FACE_NODES], nodes[SB_MAX_FACE_NODES], inside = 1, corners;
+        int local[SB_MAX_FACE_NODES], nodes[SB_MAX_FACE_NODES], inside = 1;
         sb_element_type type = SB_NO_ELEMENT;
         int count = sbi_element_face(element, f, local, &type);
         sbi_body_face face;
-        corners = sb_element_corner_count(type);
         for (int k = 0; k < count; k++) {
             nodes[k] = cell[local[k]];
             inside &= rows->marks[nodes[k]];
         }
-        if (!inside || sbi_body_get_face(rows->next, nodes, 0, corners, &face, NULL) != SB_OK || face.inner ||
-            sbi_live_has_face(rows, 0, &face) || (pieces && sbi_live_face_is_empty(rows, face.nodes)))
+        if (!inside || sbi_body_get_face(rows->next, nodes, 0, count, &face, NULL) != SB_OK || face.inner ||
+            sbi_live_has_face(rows, 0, &face) || (pieces && sbi_live_face_is_empty(rows, face.nodes, face.count)))
             continue;
         if (!sbi_live_add_face(rows, &face))
             return 0;
@@ -481,42 +480,19 @@ static int sbi_live_add_parts(sbi_live_rows *rows, int made)
 /* 1 when cells behind a face that stays are other pieces now: others of them may have parts of it. */
 static int sbi_live_face_is_cut(const sbi_live_rows *rows, const int *nodes, int count)
 {
-    return rows->next->live->piece_count > 0 && rows->next->domain.element_type == SB_TET4 &&
-           sbi_live_removed_cell(rows->change, nodes, count) >= 0;
-}
-
-/* A tet10 with a pressure on this face cannot fall into pieces. */
-static sb_result sbi_live_check_face(const sbi_live_rows *rows, const int *nodes, int count, sb_error *error)
-{
-    const sbi_mesh_change *change = rows->change;
-    int removed = rows->next->live->piece_count > 0 && rows->next->domain.element_type == SB_TET10
-                      ? sbi_live_removed_cell(change, nodes, count)
-                      : -1;
-    for (int i = 0; i < change->made_cell_count && removed >= 0; i++)
-        if (change->made_parents[i] == change->removed_cells[removed] &&
-            sbi_live_is_piece(rows->next, change->made_cells[i]))
-            return sbi_fail_element(error, SB_ERROR_UNSUPPORTED, change->made_parents[i],
-                                    "a pressure or membrane is on a face of cell %d, a tet10, which cannot fall into "
-                                    "pieces then",
-                                    change->made_parents[i]);
-    return SB_OK;
+    return rows->next->live->piece_count > 0 && sbi_live_removed_cell(rows->change, nodes, count) >= 0;
 }
 
 /* The parts of one face, or the face as it is. */
-static sb_result sbi_live_carry_face(sbi_live_rows *rows, const int *nodes, int count, sb_element_type type,
-                                     sb_error *error)
+static sb_result sbi_live_carry_face(sbi_live_rows *rows, const int *nodes, int count, sb_error *error)
 {
     int lost = sbi_live_loses_node(rows, nodes, count), done = 1;
-    sb_result result = sbi_live_check_face(rows, nodes, count, error);
     sbi_body_face face;
-    if (result != SB_OK)
-        return result;
-    if (!lost && sbi_body_get_face(rows->next, nodes, 0, sb_element_corner_count(type), &face, NULL) == SB_OK &&
-        !face.inner) {
+    if (!lost && sbi_body_get_face(rows->next, nodes, 0, count, &face, NULL) == SB_OK && !face.inner) {
         int is_cut = sbi_live_face_is_cut(rows, nodes, count);
         if (face.count == count) /* in the order that the load has, whichever cell it is of now */
             memcpy(face.nodes, nodes, (size_t)count * sizeof *nodes);
-        if (!is_cut || !(sbi_live_face_is_empty(rows, nodes) || sbi_live_has_face(rows, 0, &face)))
+        if (!is_cut || !(sbi_live_face_is_empty(rows, nodes, count) || sbi_live_has_face(rows, 0, &face)))
             done = sbi_live_add_face(rows, &face);
         if (!done)
             return sbi_live_rows_no_memory(error);
@@ -596,10 +572,9 @@ static sb_result sbi_live_carry_load(sbi_live_rows *rows, const sbi_load *load, 
     if (result == SB_OK)
         sbi_live_rows_clear(rows);
     for (int j = 0; j < load->row_count && result == SB_OK; j++)
-        result = sbi_load_has_faces(load)
-                     ? sbi_live_carry_face(rows, load->nodes + load->row_start[j],
-                                           load->row_start[j + 1] - load->row_start[j], load->face_types[j], error)
-                     : sbi_live_carry_row(rows, load, j, error);
+        result = sbi_load_has_faces(load) ? sbi_live_carry_face(rows, load->nodes + load->row_start[j],
+                                                                load->row_start[j + 1] - load->row_start[j], error)
+                                          : sbi_live_carry_row(rows, load, j, error);
     if (result == SB_OK && rows->rows == 0 && !rows->body->live->erodes)
         result = sbi_fail_node(error, SB_ERROR_ARGUMENT, load->nodes[0],
                                "load %d would lose its last face: remove it first", load->id);
@@ -619,17 +594,18 @@ static void sbi_live_move_traction(const sbi_live_rows *rows, const sbi_traction
 {
     const sb_real close = (sb_real)1e-4;
     sb_body *next = rows->next;
+    const int count = sbi_piece_face_nodes(rows->change->nodes_per_cell);
     sbi_traction part = *traction;
-    sb_real left = sbi_live_face_share(rows->body, traction->nodes);
+    sb_real left = sbi_live_face_share(rows->body, traction->nodes, count);
     for (int j = 0; j < rows->rows; j++)
-        left -= sbi_live_face_share(next, rows->nodes + rows->start[j]);
-    if (!(sb_abs(left) < close || rows->body->live->erodes) || sbi_live_loses_node(rows, traction->nodes, 3))
+        left -= sbi_live_face_share(next, rows->nodes + rows->start[j], count);
+    if (!(sb_abs(left) < close || rows->body->live->erodes) || sbi_live_loses_node(rows, traction->nodes, count))
         return;
     part.stress = sb_v3_scale(-1, part.stress);
     sbi_body_spread_traction(rows->body, &part, next->dead_load);
     part.stress = traction->stress;
     for (int j = 0; j < rows->rows; j++) {
-        memcpy(part.nodes, rows->nodes + rows->start[j], sizeof part.nodes);
+        memcpy(part.nodes, rows->nodes + rows->start[j], (size_t)count * sizeof *part.nodes);
         sbi_body_spread_traction(next, &part, next->dead_load);
         next->tractions[next->traction_count++] = part;
     }
@@ -639,10 +615,11 @@ static void sbi_live_move_traction(const sbi_live_rows *rows, const sbi_traction
 static sb_result sbi_live_carry_tractions(sbi_live_rows *rows, sb_error *error)
 {
     const sb_body *body = rows->body;
+    const int count = sbi_piece_face_nodes(rows->change->nodes_per_cell);
     sb_result result = SB_OK;
     for (int i = 0; i < body->traction_count && result == SB_OK; i++) {
         const sbi_traction *traction = body->tractions + i;
-        if (sbi_live_removed_cell(rows->change, traction->nodes, 3) < 0) {
+        if (sbi_live_removed_cell(rows->change, traction->nodes, count) < 0) {
             result = sbi_body_reserve_tractions(rows->next, body->traction_count - i, error);
             if (result == SB_OK)
                 rows->next->tractions[rows->next->traction_count++] = *traction;
@@ -651,7 +628,7 @@ static sb_result sbi_live_carry_tractions(sbi_live_rows *rows, sb_error *error)
         if (!sbi_live_rows_room(rows, 0))
             return sbi_live_rows_no_memory(error);
         sbi_live_rows_clear(rows);
-        result = sbi_live_carry_face(rows, traction->nodes, 3, SB_TRI3, error);
+        result = sbi_live_carry_face(rows, traction->nodes, count, error);
         if (result == SB_OK)
             result = sbi_body_reserve_tractions(rows->next, rows->rows + 1, error);
         if (result == SB_OK)

@@ -58,17 +58,14 @@ typedef struct sbi_load_rule {
     sb_real gradient[SB_MAX_QUADRATURE_POINTS][SB_MAX_FACE_NODES][3];
 } sbi_load_rule;
 
-/* The rule of a part of a tri3 face: exact with one point, where the part weighs, as the face is flat. */
-static void sbi_load_make_part_rule(const sb_real loads[3], sbi_load_rule *rule)
+/* The rule of a part of a face of tri3 or tri6: forces on flat faces are exact, and so is their sum on bent ones. */
+static void sbi_load_make_part_rule(sb_element_type type, const sb_real *loads, sbi_load_rule *rule)
 {
-    sb_real share = loads[0] + loads[1] + loads[2];
-    const sb_real middle[3] = {0, 0, 0};
+    sb_real points[3][3];
     rule->type = SB_NO_ELEMENT; /* good for this part only */
-    rule->count = share > 0;
-    rule->weights[0] = share / 2; /* of the parameters' triangle */
-    sb_element_shape(SB_TRI3, middle, rule->shape[0], rule->gradient[0]);
-    for (int a = 0; a < 3 && share > 0; a++)
-        rule->shape[0][a] = loads[a] / share;
+    rule->count = sbi_piece_face_points(loads, sb_element_node_count(type), points, rule->weights);
+    for (int p = 0; p < rule->count; p++)
+        sb_element_shape(type, points[p], rule->shape[p], rule->gradient[p]);
 }
 
 /* Makes the rule of a type unless it is there already. */
@@ -101,18 +98,30 @@ static sbi_load_tangents sbi_load_interpolate(const sbi_load_rule *rule, int p, 
 
 /* ---- traction ---- */
 
-static int sbi_load_is_part(const sb_real loads[3])
+/* 1: faces may be cut, and what of them is material is looked up. */
+static int sbi_load_has_pieces(const sb_body *body) { return body->live && body->live->piece_count; }
+
+/* Makes the rule of a face: of the part of it that is material. */
+static void sbi_load_need_face_rule(const sb_body *body, const sbi_body_face *face, sbi_load_rule *rule)
 {
-    return loads[0] != sbi_piece_whole_load() || loads[1] != sbi_piece_whole_load() ||
-           loads[2] != sbi_piece_whole_load();
+    sb_real loads[SB_MAX_FACE_NODES];
+    int is_part = 0;
+    if (sbi_load_has_pieces(body) && !face->inner) {
+        sbi_body_face_loads(body, face->nodes, face->count, loads);
+        is_part = !sbi_piece_is_whole_face(loads, face->count);
+    }
+    if (is_part)
+        sbi_load_make_part_rule(face->type, loads, rule);
+    else
+        sbi_load_need_rule(face->type, rule);
 }
 
 /* Makes the rule of a row of a pressure. */
 static void sbi_load_need_row_rule(const sbi_load *load, int row, sbi_load_rule *rule)
 {
     const sb_real *loads = load->weights + load->row_start[row];
-    if (load->has_parts && sbi_load_is_part(loads))
-        sbi_load_make_part_rule(loads, rule);
+    if (load->has_parts && !sbi_piece_is_whole_face(loads, load->row_start[row + 1] - load->row_start[row]))
+        sbi_load_make_part_rule(load->face_types[row], loads, rule);
     else
         sbi_load_need_rule(load->face_types[row], rule);
 }
@@ -120,12 +129,13 @@ static void sbi_load_need_row_rule(const sbi_load *load, int row, sbi_load_rule 
 SBI_API void sbi_load_weigh_faces(const sb_body *body, sbi_load *load)
 {
     load->has_parts = 0;
-    if (!sbi_load_has_faces(load) || !body->live || !body->live->piece_count || body->domain.element_type != SB_TET4)
+    if (!sbi_load_has_faces(load) || !sbi_load_has_pieces(body))
         return;
     for (int j = 0; j < load->row_count; j++) {
         sb_real *loads = load->weights + load->row_start[j];
-        sbi_body_face_loads(body, load->nodes + load->row_start[j], loads);
-        load->has_parts |= sbi_load_is_part(loads);
+        int count = load->row_start[j + 1] - load->row_start[j];
+        sbi_body_face_loads(body, load->nodes + load->row_start[j], count, loads);
+        load->has_parts |= !sbi_piece_is_whole_face(loads, count);
     }
 }
 
@@ -147,7 +157,20 @@ static void sbi_load_add_traction(const sb_body *body, const sbi_body_face *face
 }
 
 /* Tractions are kept by face where faces may be cut. */
-static int sbi_load_keeps_tractions(const sb_body *body) { return body->live && body->domain.element_type == SB_TET4; }
+static int sbi_load_keeps_tractions(const sb_body *body)
+{
+    return body->live && (body->domain.element_type == SB_TET4 || body->domain.element_type == SB_TET10);
+}
+
+/* The nodes of a face with as many, as a traction keeps them. */
+static sbi_traction sbi_load_traction_on(const int *nodes, int count)
+{
+    sbi_traction traction;
+    for (int k = 0; k < 6; k++)
+        traction.nodes[k] = k < count ? nodes[k] : -1;
+    traction.stress = sb_v3(0, 0, 0);
+    return traction;
+}
 
 SBI_API sb_result sbi_body_reserve_tractions(sb_body *body, int more, sb_error *error)
 {
@@ -171,22 +194,18 @@ SBI_API void sbi_body_spread_traction(const sb_body *body, const sbi_traction *t
 {
     sbi_load_rule rule;
     sbi_body_face face;
-    sb_real loads[3];
-    face.type = SB_TRI3;
-    face.count = 3;
-    memcpy(face.nodes, traction->nodes, sizeof traction->nodes);
+    face.type = traction->nodes[3] < 0 ? SB_TRI3 : SB_TRI6;
+    face.count = sb_element_node_count(face.type);
+    face.inner = 0;
+    memcpy(face.nodes, traction->nodes, (size_t)face.count * sizeof *face.nodes);
     rule.type = SB_NO_ELEMENT;
-    sbi_body_face_loads(body, face.nodes, loads);
-    if (sbi_load_is_part(loads))
-        sbi_load_make_part_rule(loads, &rule);
-    else
-        sbi_load_need_rule(face.type, &rule);
+    sbi_load_need_face_rule(body, &face, &rule);
     sbi_load_add_traction(body, &face, &rule, traction->stress, dead_load);
 }
 
 static int sbi_load_is_on(const sbi_traction *traction, const sbi_body_face *face)
 {
-    return memcmp(traction->nodes, face->nodes, sizeof traction->nodes) == 0;
+    return memcmp(traction->nodes, face->nodes, (size_t)face->count * sizeof *face->nodes) == 0;
 }
 
 /* Where the tractions on the faces of a call begin among those kept, when it was made before. */
@@ -209,7 +228,7 @@ static void sbi_load_keep_traction(sb_body *body, const sbi_body_face *face, sb_
         return;
     }
     kept = body->tractions + body->traction_count++;
-    memcpy(kept->nodes, face->nodes, sizeof kept->nodes);
+    *kept = sbi_load_traction_on(face->nodes, face->count);
     kept->stress = traction;
     *at = body->traction_count;
 }
@@ -218,16 +237,9 @@ static void sbi_load_keep_traction(sb_body *body, const sbi_body_face *face, sb_
 static void sbi_load_add_face_traction(sb_body *body, const sbi_body_face *face, sbi_load_rule *rule, sb_vec3 traction,
                                        int *at)
 {
-    sb_real loads[3] = {sbi_piece_whole_load(), sbi_piece_whole_load(), sbi_piece_whole_load()};
-    if (sbi_load_keeps_tractions(body) && !face->inner) {
+    if (sbi_load_keeps_tractions(body) && !face->inner)
         sbi_load_keep_traction(body, face, traction, at);
-        if (body->live->piece_count)
-            sbi_body_face_loads(body, face->nodes, loads);
-    }
-    if (sbi_load_is_part(loads))
-        sbi_load_make_part_rule(loads, rule);
-    else
-        sbi_load_need_rule(face->type, rule);
+    sbi_load_need_face_rule(body, face, rule);
     sbi_load_add_traction(body, face, rule, traction, body->dead_load);
 }
 
@@ -236,7 +248,8 @@ SB_API sb_result sb_body_add_traction(sb_body *body, const int *faces, int face_
 {
     sb_result result = SB_OK;
     sbi_load_rule rule;
-    sbi_body_face face;
+    sbi_body_face face, twins[SBI_BODY_TWINS];
+    int64_t found = 0;
     int at = 0;
     rule.type = SB_NO_ELEMENT;
     if (!body || face_count < 0 || corners < 3 || corners > 4 || (face_count > 0 && !faces))
@@ -245,18 +258,20 @@ SB_API sb_result sb_body_add_traction(sb_body *body, const int *faces, int face_
         return sbi_fail(error, SB_ERROR_NOT_FINITE, "the traction is not finite");
     for (int f = face_count - 1; f >= 0 && result == SB_OK; f--) { /* find all faces before any load changes */
         result = sbi_body_get_face(body, faces, f, corners, &face, error);
-        if (result == SB_OK)
-            result = sbi_body_check_whole(body, &face, error);
+        found += result == SB_OK ? sbi_body_twin_faces(body, &face, twins) : 0;
     }
     if (result == SB_OK && face_count > 0 && sbi_load_keeps_tractions(body)) {
-        result = sbi_body_reserve_tractions(body, face_count, error);
+        result = sbi_body_reserve_tractions(body, (int)(found < INT32_MAX ? found : INT32_MAX), error);
         at = sbi_load_first_traction(body, &face);
     }
     if (result != SB_OK)
         return result;
     for (int f = 0; f < face_count; f++) {
+        int count;
         sbi_body_get_face(body, faces, f, corners, &face, NULL);
-        sbi_load_add_face_traction(body, &face, &rule, traction, &at);
+        count = sbi_body_twin_faces(body, &face, twins);
+        for (int k = 0; k < count; k++)
+            sbi_load_add_face_traction(body, twins + k, &rule, traction, &at);
     }
     sbi_body_tell(body, SBI_COMMAND_TRACTION, corners, 0, faces, (size_t)face_count * (size_t)corners, &traction.x, 3);
     return SB_OK;
@@ -388,26 +403,31 @@ static sb_result sbi_load_outer_face(const sb_body *body, const int *faces, int 
 SBI_API sb_result sbi_load_make_faces(const sb_body *body, sbi_load_kind kind, const int *faces, int face_count,
                                       int corners, sbi_load *load, sb_error *error)
 {
-    size_t entries = 0, pairs = 0;
-    sbi_body_face face;
+    size_t rows = 0, entries = 0, pairs = 0;
+    sbi_body_face face, twins[SBI_BODY_TWINS];
     sb_result result = SB_OK;
     for (int f = 0; f < face_count && result == SB_OK; f++) {
+        size_t twin_count, size;
         result = sbi_load_outer_face(body, faces, f, corners, &face, error);
-        if (result == SB_OK)
-            result = sbi_body_check_whole(body, &face, error);
-        entries += (size_t)face.count;
-        pairs += (size_t)(face.count * face.count);
+        twin_count = result == SB_OK ? (size_t)sbi_body_twin_faces(body, &face, twins) : 0;
+        size = (size_t)face.count;
+        rows += twin_count;
+        entries += twin_count * size;
+        pairs += twin_count * size * size;
         if (result == SB_OK && entries > INT32_MAX)
             result = sbi_fail(error, SB_ERROR_MEMORY, "%d faces have too many nodes", face_count);
     }
     if (result == SB_OK)
-        result = sbi_load_make(&body->allocator, kind, face_count, (int)entries, pairs, load, error);
-    for (int f = 0; f < face_count && result == SB_OK; f++) {
-        int *nodes = load->nodes + load->row_start[f];
+        result = sbi_load_make(&body->allocator, kind, (int)rows, (int)entries, pairs, load, error);
+    for (int f = 0, row = 0; f < face_count && result == SB_OK; f++) {
+        int count;
         result = sbi_load_outer_face(body, faces, f, corners, &face, error);
-        load->face_types[f] = face.type;
-        load->row_start[f + 1] = load->row_start[f] + face.count;
-        memcpy(nodes, face.nodes, (size_t)face.count * sizeof *nodes);
+        count = sbi_body_twin_faces(body, &face, twins);
+        for (int k = 0; k < count; k++, row++) {
+            load->face_types[row] = twins[k].type;
+            load->row_start[row + 1] = load->row_start[row] + twins[k].count;
+            memcpy(load->nodes + load->row_start[row], twins[k].nodes, (size_t)twins[k].count * sizeof *load->nodes);
+        }
     }
     if (result == SB_OK)
         sbi_load_weigh_faces(body, load);

@@ -33,7 +33,7 @@ SB_API sb_membrane_def sb_default_membrane_def(void);
  * - A static solve goes evenly from the thickness, shear and prestretch that the last one ended with to the present
  *   ones; a new membrane has all of its stiffness at once, and starts from prestretch 1.
  * - When the mesh changes, it goes with its faces as pressures do, and a face that is cut keeps what of it is material;
- *   where the rest shape of nodes moves, so does its. A tet10 with a membrane cannot be cut.
+ *   where the rest shape of nodes moves, so does its.
  * Errors, with nothing added: SB_ERROR_ARGUMENT (NULL; no faces; corners; a face that no element has, or between two:
  * error->node is its first; a face without area; thickness, shear or prestretch out of range), SB_ERROR_INDEX (a node
  * out of range: error->node), SB_ERROR_NOT_FINITE, SB_ERROR_MEMORY, SB_ERROR_UNSUPPORTED (faces of a cut tet10; in a

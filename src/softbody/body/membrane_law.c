@@ -57,15 +57,33 @@ static void sbi_membrane_need_rule(sb_element_type type, sbi_membrane_rule *rule
         sb_element_shape(type, points[p], shape, rule->gradient[p]);
 }
 
-/* The middle of a face as its only point. */
-static void sbi_membrane_make_middle(sb_element_type type, sbi_membrane_rule *rule)
+/* The rule of a face of a load: of the part of it that is material. */
+static void sbi_membrane_need_face_rule(const sbi_load *load, int face, sbi_membrane_rule *rule)
 {
+    const sb_real *loads = load->weights + load->row_start[face];
+    const int nodes = load->row_start[face + 1] - load->row_start[face];
+    sb_real points[3][3], shape[SB_MAX_FACE_NODES];
+    if (!load->has_parts || sbi_piece_is_whole_face(loads, nodes)) {
+        sbi_membrane_need_rule(load->face_types[face], rule);
+        return;
+    }
+    rule->type = SB_NO_ELEMENT; /* good for this part only */
+    rule->nodes = nodes;
+    rule->count = sbi_piece_face_points(loads, nodes, points, rule->weights);
+    for (int p = 0; p < rule->count; p++)
+        sb_element_shape(load->face_types[face], points[p], shape, rule->gradient[p]);
+}
+
+/* The middle of a face as the only point of what of it is material. */
+static void sbi_membrane_make_middle(const sbi_load *load, int face, sbi_membrane_rule *rule)
+{
+    const sb_element_type type = load->face_types[face];
     const sb_real third = sb_element_corner_count(type) == 3 ? (sb_real)1 / 3 : 0, middle[3] = {third, third, 0};
     sb_real shape[SB_MAX_FACE_NODES];
     rule->type = SB_NO_ELEMENT;
     rule->nodes = sb_element_node_count(type);
     rule->count = 1;
-    rule->weights[0] = 1;
+    rule->weights[0] = load->has_parts ? sbi_piece_face_share(load->weights + load->row_start[face], rule->nodes) : 1;
     sb_element_shape(type, middle, shape, rule->gradient[0]);
 }
 
@@ -119,15 +137,14 @@ static sb_vec3 sbi_membrane_slope(const sbi_membrane_point *point, const sb_vec3
 static int sbi_membrane_lay(const sb_body *body, const sbi_load *load, int face, const sbi_membrane_rule *rule, int p,
                             const sbi_membrane_law *law, const sb_vec3 *u, sbi_membrane_point *point)
 {
-    const sb_real *parts = load->weights + load->row_start[face];
     const sb_real s = law->prestretch, more = (s - 1) * (s + 1);
-    sb_real area, share = load->has_parts ? parts[0] + parts[1] + parts[2] : 1;
+    sb_real area;
     sb_vec3 axes[2], turn[2];
     point->count = rule->nodes;
     point->nodes = load->nodes + load->row_start[face];
-    if (!(share > 0) || !sbi_membrane_rest(body, rule->gradient[p], point, axes, &area))
+    if (!(rule->weights[p] > 0) || !sbi_membrane_rest(body, rule->gradient[p], point, axes, &area))
         return 0;
-    point->volume = law->thickness * area * rule->weights[p] * share / (s * s);
+    point->volume = law->thickness * area * rule->weights[p] / (s * s);
     for (int j = 0; j < 2; j++) {
         turn[j] = sbi_membrane_slope(point, u, j);
         point->f[j] = sb_v3_scale(s, sb_v3_add(axes[j], turn[j]));
@@ -320,13 +337,14 @@ static int sbi_membrane_next(sbi_membrane_walk *walk)
 {
     while (walk->face < walk->end) {
         int p = walk->p++;
-        sbi_membrane_need_rule(walk->load->face_types[walk->face], &walk->rule);
+        sbi_membrane_need_face_rule(walk->load, walk->face, &walk->rule);
         walk->at = walk->face;
-        if (walk->p == walk->rule.count) {
+        if (walk->p >= walk->rule.count) {
             walk->p = 0;
             walk->face++;
         }
-        if (sbi_membrane_lay(walk->body, walk->load, walk->at, &walk->rule, p, &walk->law, walk->u, &walk->point))
+        if (p < walk->rule.count &&
+            sbi_membrane_lay(walk->body, walk->load, walk->at, &walk->rule, p, &walk->law, walk->u, &walk->point))
             return 1;
     }
     return 0;
@@ -555,7 +573,7 @@ SBI_API sb_membrane_state sbi_membrane_state_of(const sb_body *body, const sbi_l
     sbi_membrane_axes at;
     sb_real stress[3], pull, other, width;
     memset(&state, 0, sizeof state);
-    sbi_membrane_make_middle(load->face_types[face], &rule);
+    sbi_membrane_make_middle(load, face, &rule);
     if (!sbi_membrane_lay(body, load, face, &rule, 0, &load->membrane, body->displacement, &point))
         return state;
     at = sbi_membrane_principal(point.strain);

@@ -663,7 +663,9 @@ static void sbi_state_tractions(sb_body *body, sbi_state_walk *walk)
     walk->store = walk->pass == SBI_STATE_READ;
     for (int i = 0; i < count && walk->result == SB_OK; i++) {
         sbi_traction *traction = !sbi_state_is_image(walk) || walk->store ? body->tractions + i : NULL;
-        for (int k = 0; k < 3; k++)
+        if (walk->store)
+            memset(traction->nodes, -1, sizeof traction->nodes);
+        for (int k = 0; k < sbi_piece_face_nodes(body->domain.nodes_per_cell); k++)
             sbi_state_put_int(walk, traction ? traction->nodes + k : NULL, 0, body->domain.node_count - 1,
                               "node of a traction");
         sbi_state_put_vector(walk, traction ? &traction->stress : NULL, SBI_STATE_ANY, "");
@@ -687,7 +689,7 @@ static void sbi_state_check_face(const sb_body *body, sbi_state_walk *walk, int 
     int corners = sb_element_corner_count((sb_element_type)type);
     sbi_body_face face;
     if (sb_element_node_count((sb_element_type)type) == size && (corners == 3 || corners == 4) &&
-        sbi_body_get_face(body, nodes, 0, corners, &face, NULL) == SB_OK && !face.inner && face.count == size &&
+        sbi_body_get_face(body, nodes, 0, size, &face, NULL) == SB_OK && !face.inner && face.count == size &&
         (int)face.type == type && memcmp(face.nodes, nodes, (size_t)size * sizeof *nodes) == 0)
         return;
     sbi_state_refuse(walk, sbi_fail_node(walk->error, SB_ERROR_FORMAT, nodes[0],
@@ -1389,9 +1391,26 @@ static void sbi_state_kept(sb_body *body, sbi_state_walk *walk)
 
 /* ---- a mesh that may change ---- */
 
-/* Numbers of its part, which comes first; the second of a mesh with pieces, the third of one with glue besides, the
- * last as earlier versions had pieces. */
-enum { SBI_STATE_LIVE = 15, SBI_STATE_PIECES = 17, SBI_STATE_GLUED = 19, SBI_STATE_PIECES_BEFORE = 16 };
+/* Numbers of its part, which comes first; the second of a mesh with pieces of tet4, the third of one with glue besides,
+ * then both of tet10, the last as earlier versions had pieces; they had those of tet10 under the numbers of tet4. */
+enum {
+    SBI_STATE_LIVE = 15,
+    SBI_STATE_PIECES = 17,
+    SBI_STATE_GLUED = 19,
+    SBI_STATE_PIECES_10 = 24,
+    SBI_STATE_GLUED_10 = 25,
+    SBI_STATE_PIECES_BEFORE = 16
+};
+
+static int sbi_state_number_has_glue(uint64_t number)
+{
+    return number == SBI_STATE_GLUED || number == SBI_STATE_GLUED_10;
+}
+
+static int sbi_state_number_has_pieces(uint64_t number)
+{
+    return sbi_state_number_has_glue(number) || number == SBI_STATE_PIECES || number == SBI_STATE_PIECES_10;
+}
 
 /* The body's mesh as the walk passes it; borrowed arrays. */
 static sbi_live_mesh sbi_state_live_view(const sb_body *body)
@@ -1414,14 +1433,18 @@ static sbi_live_mesh sbi_state_live_view(const sb_body *body)
 /* The number of the body's part of the mesh. */
 static int sbi_state_live_number(const sb_body *body)
 {
+    const int is_glued = body->live->glue.count > 0;
     if (!body->live->piece_count)
         return SBI_STATE_LIVE;
-    return body->live->glue.count ? SBI_STATE_GLUED : SBI_STATE_PIECES;
+    if (body->domain.element_type == SB_TET10)
+        return is_glued ? SBI_STATE_GLUED_10 : SBI_STATE_PIECES_10;
+    return is_glued ? SBI_STATE_GLUED : SBI_STATE_PIECES;
 }
 
-/* How many pieces there are, and each with its cell. */
-static void sbi_state_pieces(sbi_state_walk *walk, sbi_live_mesh *mesh)
+/* How many pieces of cells with n nodes there are, and each with its cell. */
+static void sbi_state_pieces(sbi_state_walk *walk, sbi_live_mesh *mesh, int n)
 {
+    const int face_nodes = sbi_piece_face_nodes(n);
     int count = 0, cell = 0;
     for (int e = 0; e < mesh->cells.end; e++)
         count += mesh->pieces[e].is != 0;
@@ -1440,8 +1463,8 @@ static void sbi_state_pieces(sbi_state_walk *walk, sbi_live_mesh *mesh)
             sbi_state_put_real(walk, piece->centroid + i);
         for (int i = 0; i < 6; i++)
             sbi_state_put_real(walk, piece->covariance + i);
-        for (int i = 0; i < SBI_PIECE_FACES; i++)
-            sbi_state_put_real(walk, &piece->faces[i / 3][i % 3]);
+        for (int i = 0; i < 4 * face_nodes; i++)
+            sbi_state_put_real(walk, &piece->faces[i / face_nodes][i % face_nodes]);
     }
 }
 
@@ -1506,7 +1529,7 @@ static void sbi_state_live_arrays(sbi_state_walk *walk, sbi_live_mesh *mesh, int
     sbi_state_slot_stack(walk, &mesh->nodes);
     sbi_state_slot_stack(walk, &mesh->cells);
     if (mesh->pieces && walk->result == SB_OK)
-        sbi_state_pieces(walk, mesh);
+        sbi_state_pieces(walk, mesh, n);
     sbi_state_glue(walk, mesh, n);
     if (sbi_state_pass_mesh(walk, mesh, n))
         return;
@@ -1559,7 +1582,7 @@ static sb_result sbi_state_check_cells(const sbi_live_mesh *mesh, int n, sb_erro
         sb_real share = mesh->shares[e];
         int used = mesh->cells.used[e], is_piece = mesh->pieces && mesh->pieces[e].is != 0;
         int bad = used ? !(is_piece ? share >= 0 : share > 0) || !(share <= 1) : share != 0 || is_piece;
-        bad |= is_piece && !sbi_piece_is_sound(mesh->pieces + e);
+        bad |= is_piece && !sbi_piece_is_sound(mesh->pieces + e, n);
         for (int a = 0; a < n; a++) {
             bad |= used ? !mesh->nodes.used[cell[a]] : cell[a] != 0;
             for (int b = 0; b < a && used; b++)
@@ -1654,7 +1677,7 @@ static sb_result sbi_state_read_mesh(const sb_body *body, const sbi_state_walk *
     sbi_slots nodes, cells;
     int n = body->domain.nodes_per_cell;
     int number = sbi_int_of(sbi_get_bytes(from->in + SBI_IMAGE_HEAD, 4)), glue_count = 0;
-    int has_pieces = number == SBI_STATE_PIECES || number == SBI_STATE_GLUED;
+    int has_pieces = sbi_state_number_has_pieces((uint64_t)number);
     uint64_t needed;
     sb_result result = has_pieces ? sbi_live_check_pieces(body, error) : SB_OK;
     if (result != SB_OK)
@@ -1665,7 +1688,7 @@ static sb_result sbi_state_read_mesh(const sb_body *body, const sbi_state_walk *
     walk.used = SBI_IMAGE_HEAD + 4; /* behind the number of the part */
     sbi_state_slot_counts(&walk, &nodes);
     sbi_state_slot_counts(&walk, &cells);
-    if (number == SBI_STATE_GLUED)
+    if (sbi_state_number_has_glue((uint64_t)number))
         glue_count = sbi_state_glue_count(&walk, 1);
     if (walk.result != SB_OK)
         return walk.result;
@@ -1979,7 +2002,7 @@ SB_API sb_result sb_body_state_load(sb_body *body, const void *buffer, size_t si
 {
     sbi_state_walk walk = sbi_state_begin();
     uint64_t first;
-    int is_live;
+    int is_live, is_of_ten;
     if (!body || (size > 0 && !buffer))
         return sbi_fail(error, SB_ERROR_ARGUMENT, "sb_body_state_load needs a body and a buffer");
     walk.in = (const unsigned char *)buffer;
@@ -1988,12 +2011,15 @@ SB_API sb_result sb_body_state_load(sb_body *body, const void *buffer, size_t si
     if (walk.result != SB_OK)
         return walk.result;
     walk.size = size - SBI_IMAGE_TAIL;
+    is_of_ten = body->domain.element_type == SB_TET10;
     first = walk.size >= SBI_IMAGE_HEAD + 4 ? sbi_get_bytes(walk.in + SBI_IMAGE_HEAD, 4) : 0;
-    is_live = first == SBI_STATE_LIVE || first == SBI_STATE_PIECES || first == SBI_STATE_GLUED;
-    if (first == SBI_STATE_PIECES_BEFORE)
+    is_live = first == SBI_STATE_LIVE || sbi_state_number_has_pieces(first);
+    if (first == SBI_STATE_PIECES_BEFORE || (is_of_ten && (first == SBI_STATE_PIECES || first == SBI_STATE_GLUED)))
         return sbi_fail(
             error, SB_ERROR_UNSUPPORTED,
             "the state has pieces of elements without what they have of faces, as earlier versions saved it");
+    if (!is_of_ten && (first == SBI_STATE_PIECES_10 || first == SBI_STATE_GLUED_10))
+        return sbi_fail(error, SB_ERROR_STATE, "the state has pieces of tet10, which the body has not");
     if (is_live != (body->live != NULL))
         return sbi_fail(error, SB_ERROR_STATE,
                         is_live ? "the state is of a body whose mesh may change: def.slack is 0 here"

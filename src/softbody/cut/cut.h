@@ -47,8 +47,9 @@
  *   material. Where all of a body was taken out, one cell without volume is left, and steps do nothing.
  * - Supports: a copy is held along an axis where its pieces keep some of a boundary face whose nodes are all held along
  *   it. Constraints, regions and forces on nodes follow as live_mesh.h says; a copy has none of its own.
- * - Pressures and tractions on a face that is cut go to the parts of the face, each with what acts on it: force and
- *   moment are what they were, to rounding, however often it is cut.
+ * - Pressures, tractions and membranes on a face that is cut go to the parts of the face, each with what acts on it:
+ *   force and moment are what they were, to rounding, however often it is cut; the moment of a pressure on faces of
+ *   tet10 that are bent is, but for 1e-5 of the force times the body's size in blocks that were shaken hard.
  * - A blade's strokes: the strip of each move begins where the edge was in the tissue, which has moved since, to the
  *   last digit: samples stand wherever the edge goes through a face of an element. Near the skin, outside of the
  *   tissue, it moves with the skin, so that tissue that comes upon a blade at rest is cut as well. What rounding leaves
@@ -72,9 +73,8 @@
  *
  * Limits:
  * - tet4, and tet10 with straight sides, 4 points and lumped masses. Bent ones are refused by name. With tet10 a call
- *   that parts elements costs as much as making the body anew, and allocates; tractions stay with the nodes that they
- * were put on, and a face with a pressure cannot be cut (SB_ERROR_UNSUPPORTED), nor take one afterwards. Strokes
- * through elements that are bent by a blade's way between two moves may leave crumbs of a lattice point or two.
+ *   that parts elements costs as much as making the body anew, and allocates. Strokes through elements that are bent by
+ *   a blade's way between two moves may leave crumbs of a lattice point or two.
  * - Slices much thinner than a link fall into crumbs.
  * - Needles in hyperelastic tissue that is cut ring under Newmark: cut under SB_EULER or SB_GENERALISED_ALPHA. Where
  *   light pieces of it are crushed steps are divided, and cost as much more; where that does not help they are refused

@@ -392,6 +392,13 @@ static void sbi_parted_add_face(sbi_face_moments *moments, int piece, sb_real ar
     moments[piece].share += area;
     for (int i = 0; i < 4; i++)
         moments[piece].loads[i] += area * (a[i] + b[i] + c[i]) / 3;
+    for (int e = 0; e < 6; e++) { /* int L_i L_j of linear functions: (sum of products + sum times sum) / 12 */
+        int ends[3], i, j;
+        sb_element_edge(SB_TET4, e, ends);
+        i = ends[0], j = ends[1];
+        moments[piece].products[e] +=
+            area * (a[i] * a[j] + b[i] * b[j] + c[i] * c[j] + (a[i] + b[i] + c[i]) * (a[j] + b[j] + c[j])) / 12;
+    }
 }
 
 /* Adds the face of a micro-tet opposite to corner x. */

@@ -66,6 +66,7 @@ typedef struct sbi_part_moments {
 typedef struct sbi_face_moments {
     sb_real share;    /* of the face's area; those of a tet's pieces sum to 1 where nothing was taken out */
     sb_real loads[4]; /* means over the whole face of the barycentrics where the piece is, else 0: they sum to share */
+    sb_real products[6]; /* the same of products of two barycentrics, by the tet's edges (sb_element_edge) */
 } sbi_face_moments;
 
 enum { SBI_FLAGS = 24, SBI_LIPS = 12 };

@@ -124,22 +124,34 @@ static sb_result sbi_cut_number_nodes(sb_cut *cut, sb_body_change *change, sb_er
 /* What the pieces of a tet are. */
 typedef struct sbi_cut_measures {
     sbi_part_moments moments[SBI_LATTICE_POINTS];
-    sb_real faces[SBI_LATTICE_POINTS][4][3]; /* see sb_change_cell */
+    sb_real faces[SBI_LATTICE_POINTS][24]; /* face_loads of sb_change_cell */
 } sbi_cut_measures;
+
+/* What the nodes of a face have of a piece's part of it: of tet4 means of L_a, of tet10 of 4 L_a L_b between corners
+ * and L_a (2 L_a - 1) = L_a - 2 L_a (L_b + L_c) at them. */
+static void sbi_cut_face_loads(int face, int face_nodes, const sbi_face_moments *moments, sb_real *loads)
+{
+    int local[SB_MAX_FACE_NODES];
+    sb_element_face(face_nodes == 3 ? SB_TET4 : SB_TET10, face, local, NULL);
+    for (int k = 0; k < 3; k++)
+        loads[k] = moments->loads[local[k]];
+    for (int k = 3; k < face_nodes; k++) /* node 4 + e of a tet10 is in the middle of edge e */
+        loads[k] = 4 * moments->products[local[k] - 4];
+    for (int k = 0; k < 3 && face_nodes == 6; k++)
+        loads[k] -= (loads[3 + k] + loads[3 + (k + 2) % 3]) / 2;
+}
 
 static void sbi_cut_measure(const sb_cut *cut, int tet, sbi_cut_measures *measures)
 {
+    const int face_nodes = sbi_piece_face_nodes(cut->nodes_per_tet);
     sbi_parted parted;
     sbi_face_moments of_face[SBI_LATTICE_POINTS];
     sbi_cut_parted(cut, tet, &parted);
     sbi_parted_moments(&parted, sbi_cut_least(cut), measures->moments);
-    for (int face = 0; face < 4 && cut->nodes_per_tet == 4; face++) {
-        int corners[SB_MAX_FACE_NODES];
-        sb_element_face(SB_TET4, face, corners, NULL);
+    for (int face = 0; face < 4; face++) {
         sbi_parted_face(&parted, face, of_face);
         for (int k = 0; k < parted.piece_count; k++)
-            for (int i = 0; i < 3; i++)
-                measures->faces[k][face][i] = of_face[k].loads[corners[i]];
+            sbi_cut_face_loads(face, face_nodes, of_face + k, measures->faces[k] + face * face_nodes);
     }
 }
 
@@ -157,7 +169,7 @@ static sb_result sbi_cut_put_cell(sb_cut *cut, sb_body_change *change, int recor
         of_piece.covariance = measures->moments[piece].spread;
         made.share = sb_min(measures->moments[piece].share, 1);
         made.moments = &of_piece;
-        made.face_loads = cut->nodes_per_tet == 4 ? measures->faces[piece] : NULL;
+        made.face_loads = measures->faces[piece];
     }
     cut->made_cells += cell->is_new;
     return cell->is_new ? sb_body_change_add_cell(change, &made, &cell->cell, error)
@@ -223,7 +235,7 @@ static int sbi_cut_ends_piece(const sb_cut *cut, int record)
 /* Makes the cell of a record an empty piece: the last one of a body without material. */
 static sb_result sbi_cut_empty_cell(const sb_cut *cut, sb_body_change *change, int record, sb_error *error)
 {
-    static const sb_real nothing[4][3] = {{0, 0, 0}, {0, 0, 0}, {0, 0, 0}, {0, 0, 0}};
+    static const sb_real nothing[24] = {0};
     const sb_real middle = (sb_real)0.25;
     sb_change_cell made = sb_default_change_cell();
     sb_cell_moments moments;
@@ -233,7 +245,7 @@ static sb_result sbi_cut_empty_cell(const sb_cut *cut, sb_body_change *change, i
     made.parent = cut->cells[record].cell;
     made.share = 0;
     made.moments = &moments;
-    made.face_loads = cut->nodes_per_tet == 4 ? nothing : NULL;
+    made.face_loads = nothing;
     return sb_body_change_replace_cell(change, made.parent, &made, error);
 }
 

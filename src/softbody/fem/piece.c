@@ -10,20 +10,44 @@ static int sbi_piece_entry(int i, int j) { return i == j ? i : 6 - i - j; }
 
 /* ---- moments ---- */
 
-SBI_API int sbi_piece_is_sound(const sbi_piece *piece)
+/* Means over a whole face of products of barycentrics where a part is: L_0^2, L_1^2, L_2^2, L_0 L_1, L_1 L_2, L_2 L_0,
+ * from its loads by the nodes of a tri6, L (2 L - 1) at corners and 4 L_a L_b between them. */
+static void sbi_piece_face_products(const sb_real loads[6], sb_real products[6])
+{
+    for (int k = 0; k < 3; k++)
+        products[3 + k] = loads[3 + k] / 4;
+    for (int k = 0; k < 3; k++)
+        products[k] = loads[k] + products[3 + k] + products[3 + (k + 2) % 3];
+}
+
+SBI_API sb_real sbi_piece_face_share(const sb_real *loads, int face_nodes)
+{
+    sb_real share = 0;
+    for (int k = 0; k < face_nodes; k++)
+        share += loads[k];
+    return share;
+}
+
+static int sbi_piece_face_is_sound(const sb_real *loads, int face_nodes, sb_real slack)
+{
+    sb_real products[6], least = face_nodes == 6 ? -SB_EPSILON : 0; /* differences, of tri6 */
+    if (face_nodes == 6)
+        sbi_piece_face_products(loads, products);
+    else
+        memcpy(products, loads, 3 * sizeof *products);
+    for (int k = 0; k < face_nodes; k++)
+        if (!(products[k] >= least))
+            return 0;
+    return sbi_piece_face_share(loads, face_nodes) <= 1 + slack;
+}
+
+SBI_API int sbi_piece_is_sound(const sbi_piece *piece, int nodes)
 {
     const sb_real slack = (sb_real)1e-3; /* rounding of places far from the origin */
     sb_real rest = 1;
-    for (int face = 0; face < 4; face++) {
-        sb_real share = 0;
-        for (int k = 0; k < 3; k++) {
-            if (!(piece->faces[face][k] >= 0))
-                return 0;
-            share += piece->faces[face][k];
-        }
-        if (!(share <= 1 + slack))
+    for (int face = 0; face < 4; face++)
+        if (!sbi_piece_face_is_sound(piece->faces[face], sbi_piece_face_nodes(nodes), slack))
             return 0;
-    }
     for (int k = 0; k < 3; k++) {
         sb_real variance = piece->covariance[k]; /* of numbers in [0, 1] it is a quarter at most */
         if (!(piece->centroid[k] >= -slack) || !(variance >= -slack) || !(variance <= (sb_real)0.25 + slack) ||
@@ -34,9 +58,11 @@ SBI_API int sbi_piece_is_sound(const sbi_piece *piece)
     return piece->is == 1 && rest >= -slack;
 }
 
-SBI_API sbi_piece sbi_piece_make(sb_vec3 centroid, const sb_mat3 *covariance, const sb_real (*face_loads)[3])
+SBI_API sbi_piece sbi_piece_make(sb_vec3 centroid, const sb_mat3 *covariance, int nodes, const sb_real *face_loads)
 {
+    const int face_nodes = sbi_piece_face_nodes(nodes);
     sbi_piece piece;
+    memset(&piece, 0, sizeof piece);
     piece.is = 1;
     piece.centroid[0] = centroid.x;
     piece.centroid[1] = centroid.y;
@@ -45,9 +71,59 @@ SBI_API sbi_piece sbi_piece_make(sb_vec3 centroid, const sb_mat3 *covariance, co
         for (int j = i; j < 3; j++)
             piece.covariance[sbi_piece_entry(i, j)] = covariance->m[i][j];
     for (int face = 0; face < 4; face++)
-        for (int k = 0; k < 3; k++)
-            piece.faces[face][k] = face_loads ? face_loads[face][k] : sbi_piece_whole_load();
+        for (int k = 0; k < face_nodes; k++)
+            piece.faces[face][k] = face_loads ? face_loads[face * face_nodes + k] : sbi_piece_whole_load(face_nodes, k);
     return piece;
+}
+
+/* ---- parts of faces ---- */
+
+SBI_API int sbi_piece_is_whole_face(const sb_real *loads, int face_nodes)
+{
+    for (int k = 0; k < face_nodes; k++)
+        if (loads[k] != sbi_piece_whole_load(face_nodes, k))
+            return 0;
+    return 1;
+}
+
+/* Three points of equal weight with the mean and the covariance of a part of a tri6. */
+static void sbi_piece_spread_points(const sb_real loads[6], sb_real share, sb_real points[3][3])
+{
+    static const double at[3][2] = {{1.4142135623730951, 0}, /* their mean is 0, their covariance 1 */
+                                    {-0.70710678118654757, 1.2247448713915890},
+                                    {-0.70710678118654757, -1.2247448713915890}};
+    sb_real products[6], mean[2], variance[2], most, l[2][2];
+    sbi_piece_face_products(loads, products);
+    mean[0] = (products[1] + products[3] + products[4]) / share;
+    mean[1] = (products[2] + products[4] + products[5]) / share;
+    variance[0] = sb_max(products[1] / share - mean[0] * mean[0], 0);
+    variance[1] = sb_max(products[2] / share - mean[1] * mean[1], 0);
+    l[0][0] = sb_sqrt(variance[0]);
+    l[1][0] = l[0][0] > 0 ? (products[4] / share - mean[0] * mean[1]) / l[0][0] : 0;
+    most = sb_sqrt(variance[1]); /* more than that is rounding */
+    l[1][0] = sb_max(sb_min(l[1][0], most), -most);
+    l[1][1] = sb_sqrt(sb_max(variance[1] - l[1][0] * l[1][0], 0));
+    for (int p = 0; p < 3; p++) {
+        points[p][0] = mean[0] + l[0][0] * (sb_real)at[p][0];
+        points[p][1] = mean[1] + l[1][0] * (sb_real)at[p][0] + l[1][1] * (sb_real)at[p][1];
+        points[p][2] = 0;
+    }
+}
+
+SBI_API int sbi_piece_face_points(const sb_real *loads, int face_nodes, sb_real points[3][3], sb_real weights[3])
+{
+    const sb_real share = sbi_piece_face_share(loads, face_nodes);
+    const int count = !(share > 0) ? 0 : face_nodes == 6 ? 3 : 1;
+    if (count == 3)
+        sbi_piece_spread_points(loads, share, points);
+    if (count == 1) {
+        points[0][0] = loads[1] / share;
+        points[0][1] = loads[2] / share;
+        points[0][2] = 0;
+    }
+    for (int p = 0; p < count; p++)
+        weights[p] = share / (sb_real)(2 * count);
+    return count;
 }
 
 /* ---- points ---- */
