@@ -584,6 +584,28 @@ static void check_work_along(sbi_assembly *assembly, int count, const sb_vec3 *x
     CHECK_NEAR(sbi_assembly_work_along(assembly, x), work, 1000 * (double)SB_EPSILON * work);
 }
 
+/* Forces and a product at once are the sum of both, and forces at rotations that are there have all bits of those that
+ * made them. force: of u; product: of x */
+static void check_force_along(sbi_assembly *assembly, int count, const sb_vec3 *u, const sb_vec3 *x,
+                              const sb_vec3 *force, const sb_vec3 *product)
+{
+    size_t size = (size_t)count * sizeof(sb_vec3);
+    sb_vec3 *at_once = (sb_vec3 *)malloc(2 * size), *again = at_once + count;
+    double most = 0, off = 0;
+    sbi_assembly_force_along(assembly, u, NULL, 1, at_once);
+    CHECK(memcmp(at_once, force, size) == 0);
+    sbi_assembly_force_along(assembly, u, x, 1, at_once);
+    sbi_assembly_reset_rotations(assembly);
+    sbi_assembly_force_along(assembly, u, x, 0, again);
+    CHECK(memcmp(at_once, again, size) == 0);
+    for (int i = 0; i < count; i++) {
+        most = fmax(most, (double)(sb_v3_norm(force[i]) + sb_v3_norm(product[i])));
+        off = fmax(off, (double)sb_v3_norm(sb_v3_sub(sb_v3_sub(at_once[i], force[i]), product[i])));
+    }
+    CHECK(off <= 1000 * (double)SB_EPSILON * most);
+    free(at_once);
+}
+
 /* All bits of forces, tangent, colours are those of an assembly made at once with the same slots. */
 static void check_same_as_fresh(rooms *live, const live_mesh *m, int model)
 {
@@ -601,6 +623,9 @@ static void check_same_as_fresh(rooms *live, const live_mesh *m, int model)
         check_work_along(&live->assembly, m->node_end, u, f);
         sbi_assembly_multiply(&fresh.assembly, u, f + count);
         CHECK(memcmp(f, f + count, count * sizeof *f) == 0);
+        sbi_assembly_reset_rotations(&fresh.assembly);
+        sbi_assembly_force(&fresh.assembly, u, f);
+        check_force_along(&fresh.assembly, m->node_end, u, u, f, f + count);
     }
     sbi_assembly_tangent(&live->assembly, u, SB_TANGENT_QUASI, 1, &live->matrix);
     sbi_assembly_tangent(&fresh.assembly, u, SB_TANGENT_QUASI, 1, &fresh.matrix);

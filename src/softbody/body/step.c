@@ -84,8 +84,7 @@ static sb_result sbi_step_solve_anew(sbi_step *step)
 {
     sb_result result;
     sbi_step_undo_guests(step);
-    step->keeps = 0;
-    step->notes = 1;
+    sbi_kept_give_up(step);
     sbi_step_tangent(step, SB_TANGENT_QUASI);
     sbi_step_residual(step);
     result = sbi_step_make_system(step);

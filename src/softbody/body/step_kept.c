@@ -3,13 +3,13 @@
  * A' stands for A: it has the same factors, but the rotations of an earlier shape. It multiplies only what the
  * increment x differs by from the way x0 that the nodes coast, A' (x - x0) = -r - A x0, so that x is off by A^-1 (A' -
  * A) (x - x0): by the angle that elements have turned since, of what the motion changes by within the step. A x0 and
- * the damping force need no matrix: sbi_assembly_multiply. What is solved is written as A' x = -(r + (A - A') x0),
- * where all that follows (guests, reactions) finds the system that it knows.
+ * the damping force need no matrix, and the elements add them to their forces: sbi_assembly_force_along. What is solved
+ * is written as A' x = -(r + (A - A') x0), where all that follows (guests, reactions) finds the system that it knows.
  *
  * That angle counts by what it does: to a mode that A' has next to no stiffness for, as of nearly incompressible or
  * slender bodies in long steps, A may give many times that, and steps of more than 4/3 of their share feed energy in.
  * So the work of both along x - x0 is compared once it is known; where they differ too much, the step is solved anew
- * with a tangent of its own: see sbi_kept_was_near.
+ * with a tangent of its own: see sbi_kept_was_near. Where x0 meets the tolerance, x is x0 and A' has had no say.
  *
  * Others may have used the matrix meanwhile: what A' was made of is kept, and gives the same bits again. It has two
  * places; the next one is made in the other, so that a step that fails gives the one before back. */
@@ -45,15 +45,15 @@ static int sbi_kept_may(const sbi_step *step)
  * between the rotations. */
 static sb_real sbi_kept_distance(const sb_real *now, const sb_real *then, int count)
 {
-    sb_real largest = 0;
-    for (int l = 0; l < count; l++) {
-        sb_real sum = 0;
-        for (int k = 0; k < 4; k++) {
-            sb_real d = now[k * SB_POLAR_LANES + l] - then[k * SB_POLAR_LANES + l];
-            sum += d * d;
-        }
-        largest = sb_max(largest, sum);
+    sb_real square[SB_POLAR_LANES], largest = 0;
+    for (int l = 0; l < SB_POLAR_LANES; l++) {
+        sb_real w = now[l] - then[l], x = now[SB_POLAR_LANES + l] - then[SB_POLAR_LANES + l];
+        sb_real y = now[2 * SB_POLAR_LANES + l] - then[2 * SB_POLAR_LANES + l];
+        sb_real z = now[3 * SB_POLAR_LANES + l] - then[3 * SB_POLAR_LANES + l];
+        square[l] = w * w + x * x + y * y + z * z;
     }
+    for (int l = 0; l < count; l++)
+        largest = sb_max(largest, square[l]);
     return largest;
 }
 
@@ -69,11 +69,46 @@ static int sbi_kept_has_turned(const sb_body *b)
     return 0;
 }
 
-static int sbi_kept_serves(const sb_body *b)
+static int sbi_kept_fits_factors(const sb_body *b)
 {
     const sbi_kept *kept = b->kept;
-    return sbi_kept_is_valid(b) && kept->made.mass == kept->mass && kept->made.stiffness == kept->stiffness &&
-           !sbi_kept_has_turned(b);
+    return sbi_kept_is_valid(b) && kept->made.mass == kept->mass && kept->made.stiffness == kept->stiffness;
+}
+
+/* ---- forces ---- */
+
+SBI_API void sbi_kept_give_up(sbi_step *step)
+{
+    sb_body *b = step->body;
+    step->keeps = 0;
+    step->notes = 1;
+    sbi_assembly_force_along(&b->assembly, b->displacement, NULL, 1, b->internal);
+    b->force_current = 1;
+}
+
+SBI_API int sbi_kept_force(sbi_step *step)
+{
+    sb_body *b = step->body;
+    double begin = sbi_body_now(b);
+    sb_real damping, stiffness;
+    step->keeps = step->notes = 0;
+    if (!sbi_kept_may(step))
+        return 0;
+    b->kept->mass = sbi_step_mass_factor(step);
+    b->kept->stiffness = stiffness = sbi_step_stiffness_factor(step);
+    step->keeps = sbi_kept_fits_factors(b);
+    step->notes = !step->keeps;
+    if (!step->keeps)
+        return 0;
+    damping = sbi_body_has_beta(b) && step->has_velocity ? sbi_step_beta(b) : 0;
+    for (int i = 0; i < b->domain.node_count; i++)
+        b->work[i] = sb_v3_madd(sb_v3_scale(damping, sbi_step_velocity(step, i)), stiffness, sbi_step_coast(step, i));
+    sbi_assembly_force_along(&b->assembly, b->displacement, b->work, b->force_current, b->internal);
+    b->force_current = 0;
+    if (sbi_kept_has_turned(b))
+        sbi_kept_give_up(step);
+    step->info->seconds_force += sbi_body_now(b) - begin;
+    return 1;
 }
 
 /* ---- of a step ---- */
@@ -108,21 +143,14 @@ SBI_API sb_result sbi_kept_begin(sbi_step *step)
 {
     sb_body *b = step->body;
     sb_result result;
-    step->keeps = step->notes = 0;
-    if (!sbi_kept_may(step))
-        return SB_OK;
-    b->kept->mass = sbi_step_mass_factor(step);
-    b->kept->stiffness = sbi_step_stiffness_factor(step);
-    step->keeps = sbi_kept_serves(b);
-    step->notes = !step->keeps;
-    if (step->notes || b->kept->current)
+    if (!step->keeps || b->kept->current)
         return SB_OK;
     result = sbi_kept_make(step);
     b->kept->current = result == SB_OK;
     return result;
 }
 
-/* residual -= A' x0, x0 in body->work: rows of supports are masked in the matrix. */
+/* residual -= A' x0, x0 in body->work; work2 = that of free rows: rows of supports are masked in the matrix. */
 static void sbi_kept_subtract_product(sb_body *b)
 {
     const sb_matrix *matrix = &b->matrix;
@@ -141,15 +169,9 @@ SBI_API void sbi_kept_add_coasting(sbi_step *step)
 {
     sb_body *b = step->body;
     int n = b->domain.node_count;
-    sb_real damping = sbi_body_has_beta(b) && step->has_velocity ? sbi_step_beta(b) : 0;
-    sb_real mass = sbi_step_mass_factor(step), stiffness = sbi_step_stiffness_factor(step);
+    sb_real mass = sbi_step_mass_factor(step);
     for (int i = 0; i < n; i++)
-        b->work[i] = sb_v3_madd(sb_v3_scale(damping, sbi_step_velocity(step, i)), stiffness, sbi_step_coast(step, i));
-    (void)sbi_assembly_multiply(&b->assembly, b->work, b->work2);
-    for (int i = 0; i < n; i++) {
-        b->residual[i] = sb_v3_add(b->residual[i], b->work2[i]);
         b->work[i] = sbi_step_coast(step, i);
-    }
     sbi_body_mass_multiply(b, b->work, b->work2);
     for (int i = 0; i < n; i++)
         b->residual[i] = sb_v3_madd(b->residual[i], mass, b->work2[i]);
@@ -177,14 +199,27 @@ static double sbi_kept_true_work(const sbi_step *step)
     return (double)sbi_step_stiffness_factor(step) * stiffness + (double)sbi_step_mass_factor(step) * mass;
 }
 
+/* work = y = x - x0; 0: all nodes coast. */
+static int sbi_kept_take_change(const sbi_step *step)
+{
+    sb_body *b = step->body;
+    int changes = 0;
+    for (int i = 0; i < b->domain.node_count; i++) {
+        sb_vec3 y = sb_v3_sub(b->increment[i], sbi_step_coast(step, i));
+        changes |= !(y.x == 0 && y.y == 0 && y.z == 0);
+        b->work[i] = y;
+    }
+    return changes;
+}
+
 SBI_API int sbi_kept_was_near(const sbi_step *step)
 {
     const double most = 0.25; /* below 1/3, from which on a mode grows */
     sb_body *b = step->body;
     int n = b->domain.node_count;
     double kept;
-    for (int i = 0; i < n; i++)
-        b->work[i] = sb_v3_sub(b->increment[i], sbi_step_coast(step, i));
+    if (!sbi_kept_take_change(step)) /* a start that was good enough: A' has had no say */
+        return 1;
     sb_matrix_multiply(&b->matrix, &b->work[0].x, &b->work2[0].x, &b->jobs);
     kept = sbi_kept_work(n, b->work, b->work2);
     return fabs(sbi_kept_true_work(step) - kept) <= fmin((double)b->kept->angle, most) * kept;

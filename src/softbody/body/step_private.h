@@ -87,10 +87,14 @@ SBI_API int sbi_step_is_converged(sbi_step *step);
 SBI_API int sbi_step_allows_inversion(const sb_body *body);
 
 /* ---- step_kept.c ---- */
-/* Forces are current and no tangent is made yet. step->keeps: none is to be made, the system is there; step->notes: the
- * one to be made may be kept. What the solver refuses. */
+/* Before forces and a tangent are made. step->keeps: none is to be made, and the forces have K x0 and beta K v0 in
+ * them; step->notes: the one to be made may be kept. 0: forces are left to the caller. */
+SBI_API int sbi_kept_force(sbi_step *step);
+/* It cannot keep its tangent after all: forces alone, at the rotations that are there. */
+SBI_API void sbi_kept_give_up(sbi_step *step);
+/* The system of step->keeps is there then. What the solver refuses. */
 SBI_API sb_result sbi_kept_begin(sbi_step *step);
-/* residual += (A - A') x0 + beta K v0 of step->keeps. */
+/* residual += M x0 - A' x0 of step->keeps, K and M with their factors in A; body->work2 = A' x0. */
 SBI_API void sbi_kept_add_coasting(sbi_step *step);
 /* Of step->keeps, once it is solved: 1 when A' does nearly the work that A does on what the motion changes by. */
 SBI_API int sbi_kept_was_near(const sbi_step *step);

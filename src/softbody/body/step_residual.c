@@ -309,10 +309,11 @@ static int sbi_step_is_exhausted(const sb_body *b)
 /* Forces, residual, and the tangent of a linearised step. */
 SBI_API sb_result sbi_step_evaluate(sbi_step *step)
 {
-    sb_result result = sbi_step_force(step);
+    sb_result result;
+    step->moves_supports = sbi_step_supports_move(step);
+    result = sbi_kept_force(step) ? SB_OK : sbi_step_force(step);
     if (result != SB_OK)
         return result;
-    step->moves_supports = sbi_step_supports_move(step);
     if (step->body->load_count)
         sbi_loads_fill(step->body, step->body->displacement);
     result = sbi_kept_begin(step);

@@ -48,7 +48,8 @@ SBI_API int sbi_step_supports_move(const sbi_step *step)
 SBI_API sb_vec3 sbi_step_coast(const sbi_step *step, int i)
 {
     const sb_body *b = step->body;
-    return sbi_body_pick_axes(b->fixed[i], sb_v3(0, 0, 0), sb_v3_scale(step->level * step->dt, b->velocity[i]));
+    sb_vec3 coast = sb_v3_scale(step->level * step->dt, b->velocity[i]);
+    return b->fixed[i] ? sbi_body_pick_axes(b->fixed[i], sb_v3(0, 0, 0), coast) : coast;
 }
 
 /* Start of the linear solve: what the motion predicts on free axes, the way still to go on supported ones. */
@@ -276,6 +277,7 @@ SBI_API sb_result sbi_step_solve_once(sbi_step *step, sb_real tolerance, const s
     sbi_pcg_extra extra;
     sb_result result;
     asked.bend = asked.later ? NULL : sbi_step_bend(step);
+    asked.product = step->keeps ? &b->work2[0].x : NULL; /* see sbi_kept_add_coasting */
     b->pcg.extra = NULL;
     if (!step->starts && (step->touch || b->load_count))
         sbi_body_lend_touch(b, &extra);

@@ -101,6 +101,7 @@ SBI_API void sbi_assembly_free(sbi_assembly *assembly, const sb_allocator *alloc
 
 typedef enum sbi_assembly_work {
     SBI_WORK_FORCE,
+    SBI_WORK_FORCE_ALONG,
     SBI_WORK_TANGENT,
     SBI_WORK_ENERGY,
     SBI_WORK_PRODUCT,
@@ -111,7 +112,8 @@ typedef struct sbi_assembly_job {
     sbi_assembly *assembly;
     sbi_assembly_work work;
     const int *chunks; /* of the running colour */
-    const sb_vec3 *u;
+    const sb_vec3 *u, *x;
+    int turned;
     sb_vec3 *force;
     sb_matrix *matrix;
     sb_tangent_kind kind;
@@ -676,6 +678,9 @@ static void sbi_assembly_chunk(void *user, int index)
     int end = sbi_assembly_chunk_end(assembly, chunk), bad = -1;
     switch (job->work) {
     case SBI_WORK_FORCE: bad = sbi_chunk_force_any(job, begin, end); break;
+    case SBI_WORK_FORCE_ALONG:
+        sbi_batch_force_along(assembly, job->u, job->x, job->turned, job->force, begin, end);
+        break;
     case SBI_WORK_TANGENT: bad = sbi_chunk_tangent_any(job, begin, end); break;
     case SBI_WORK_ENERGY: bad = sbi_chunk_energy_any(job, begin, end, &assembly->chunk_energy[chunk]); break;
     case SBI_WORK_PRODUCT: sbi_batch_multiply(assembly, job->u, job->force, begin, end); break;
@@ -755,6 +760,17 @@ SBI_API int sbi_assembly_force(sbi_assembly *assembly, const sb_vec3 *u, sb_vec3
     if (assembly->glue)
         sbi_glue_add_force(assembly->glue, u, force);
     return bad;
+}
+
+SBI_API void sbi_assembly_force_along(sbi_assembly *assembly, const sb_vec3 *u, const sb_vec3 *x, int turned,
+                                      sb_vec3 *force)
+{
+    sbi_assembly_job job = sbi_assembly_make_job(assembly, SBI_WORK_FORCE_ALONG, u);
+    job.x = x;
+    job.turned = turned;
+    job.force = force;
+    memset(force, 0, (size_t)assembly->domain->node_count * sizeof *force);
+    (void)sbi_assembly_run(&job);
 }
 
 SBI_API int sbi_assembly_add_share(sbi_assembly *assembly, const sb_vec3 *u, int index, const sb_material *material,

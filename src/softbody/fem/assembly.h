@@ -159,6 +159,10 @@ SBI_API int sbi_assembly_weighted_tangent(sbi_assembly *assembly, const sb_vec3 
  * [node_count]. Returns 0, and leaves y, for cells or materials that have to be assembled: see sbi_assembly.batched.
  * For one product this is the faster way; for many with the same K it depends (see sb_body_multiply_tangent). */
 SBI_API int sbi_assembly_multiply(sbi_assembly *assembly, const sb_vec3 *x, sb_vec3 *y);
+/* force = that of u, as sbi_assembly_force, and K x, of batched tet4 without rows and glue; x NULL: that of u alone.
+ * turned 1: the rotations are those of u already, and stay. */
+SBI_API void sbi_assembly_force_along(sbi_assembly *assembly, const sb_vec3 *u, const sb_vec3 *x, int turned,
+                                      sb_vec3 *force);
 /* x . K x of that K, for batched tet4 without rows and glue; takes no more than the half of the product's time. */
 SBI_API sb_real sbi_assembly_work_along(sbi_assembly *assembly, const sb_vec3 *x);
 /* *energy (J) = energy at u, whose derivative the force is; returns -1 or the first inadmissible cell. Rotations

@@ -48,6 +48,10 @@ SBI_API void sbi_batch_copy_rotations(sbi_assembly *assembly, int restore);
 SBI_API void sbi_batch_force(sbi_assembly *assembly, const sb_vec3 *u, sb_vec3 *force, int begin, int end);
 /* y += R C R^T x of these cells, with the rotations as they are. */
 SBI_API void sbi_batch_multiply(const sbi_assembly *assembly, const sb_vec3 *x, sb_vec3 *y, int begin, int end);
+/* force += both, of these cells, which are tet4: that of u and R C R^T x, at the rotations of u. x NULL: that of u.
+ * turned 1: the rotations are there already, and stay. */
+SBI_API void sbi_batch_force_along(sbi_assembly *assembly, const sb_vec3 *u, const sb_vec3 *x, int turned,
+                                   sb_vec3 *force, int begin, int end);
 /* x . R C R^T x of these cells, which are tet4. */
 SBI_API sb_real sbi_batch_work(const sbi_assembly *assembly, const sb_vec3 *x, int begin, int end);
 /* matrix = factor R C R^T with the rotations as they are; each cell's C times that of its material, where there are

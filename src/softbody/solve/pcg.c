@@ -95,6 +95,7 @@ typedef struct sbi_pcg_state {
     sb_real *x, *r, *z, *p, *q;
     const sb_real *start;   /* x as it was given */
     const sb_real *bend;    /* which way the solution may be off it */
+    const sb_real *product; /* A times the start, until its residual is made; or NULL */
     sbi_multigrid *compact; /* what multiplies in place of the matrix, or NULL */
     int current;            /* 1: it is known to be of this matrix */
     int part_count;
@@ -229,9 +230,10 @@ static void sbi_pcg_residual_task(void *user, int chunk)
     int first, last;
     while (sbi_pcg_next_run(&slice, &first, &last)) {
         size_t begin = 3 * (size_t)first, end = 3 * (size_t)last;
-        sbi_pcg_multiply(s, s->x, s->r, first, last);
+        if (!s->product)
+            sbi_pcg_multiply(s, s->x, s->r, first, last);
         for (size_t k = begin; k < end; k++)
-            s->r[k] = s->rhs[k] - s->r[k];
+            s->r[k] = s->rhs[k] - (s->product ? s->product[k] : s->r[k]);
         sum += sbi_pcg_dot(s->r + begin, s->r + begin, end - begin);
     }
     s->partial[2 * (size_t)chunk] = sum;
@@ -1258,7 +1260,9 @@ static sb_result sbi_pcg_run_solve(const sb_matrix *matrix, sb_preconditioner *p
     state.current = demand->current;
     sbi_pcg_find_parts(&state, preconditioner && sbi_precond_couples_parts(preconditioner));
     sbi_pcg_begin_parts(&state, &rhs_square, &x_square);
+    state.product = demand->product;
     sbi_pcg_begin_residual(&state, demand, rhs_square, x_square);
+    state.product = NULL;
     workspace->record->is_left = 0;
     sbi_pcg_demand_all(&state, demand, options->tolerance, workspace->record, rhs_square, x_square > 0);
     if (demand->bend && rhs_square > 0 && !sbi_pcg_all_meet(&state))
@@ -1274,14 +1278,14 @@ static sb_result sbi_pcg_run_solve(const sb_matrix *matrix, sb_preconditioner *p
 
 SBI_API sbi_pcg_demand sbi_pcg_step_demand(void)
 {
-    const sbi_pcg_demand plain = {1, 0, 0, 0, 0, NULL, NULL, 0, NULL};
+    const sbi_pcg_demand plain = {1, 0, 0, 0, 0, NULL, NULL, 0, NULL, NULL};
     return plain;
 }
 
 SB_API sb_result sb_pcg_solve(const sb_matrix *matrix, sb_preconditioner *preconditioner, const sb_real *rhs,
                               sb_real *x, const sb_pcg_options *options, sb_pcg_workspace *workspace, sb_pcg_info *info)
 {
-    const sbi_pcg_demand none = {0, 0, 0, 0, 0, NULL, NULL, 0, NULL};
+    const sbi_pcg_demand none = {0, 0, 0, 0, 0, NULL, NULL, 0, NULL, NULL};
     return sbi_pcg_run_solve(matrix, preconditioner, rhs, x, options, workspace, &none, info);
 }
 
@@ -1614,10 +1618,12 @@ SBI_API sb_result sbi_pcg_solve_guests(const sb_matrix *matrix, sb_preconditione
     idle = sbi_pcg_begin_guests(&state);
     for (int c = 0; c < state.part_count; c++)
         rhs_square += state.parts[c].rhs_square;
+    state.product = demand->product;
     if (!idle)
         sbi_pcg_guess_guests(&state);
     else if (state.extra)
         sbi_pcg_guest_residual(&state);
+    state.product = NULL;
     sbi_pcg_demand_all(&state, demand, options->tolerance, workspace->record, rhs_square, !idle);
     result =
         sbi_pcg_is_finite(rhs_square) ? sbi_pcg_settle(&state, preconditioner, options, &report) : SB_ERROR_DIVERGED;

@@ -115,6 +115,7 @@ typedef struct sbi_pcg_demand {
     double outside;       /* N: magnitudes of all forces from outside, what touches included; < 0: not looked at */
     const sb_real
         *bend; /* [row_count][3] which way the solution may be off the start x, of any length; NULL: not known */
+    const sb_real *product; /* [row_count][3] A x of the start x, where the caller has it; NULL: it is made */
 } sbi_pcg_demand;
 
 /* Of a step without anything special: of the matrix that the preconditioner was updated with. */
