@@ -1,6 +1,6 @@
 /* Tests of inference: bumpy organs at random under loads that the model is not told, of another mesh and law, seen as a
- * whole and in part; what is to be expected of the answer; landmarks, frames, threads, caps, refusals, failing
- * allocations. */
+ * whole and in part; what is to be expected of the answer; a cantilever, landmarks, frames, threads, caps, refusals,
+ * failing allocations. */
 #include "check.h"
 #include "scene.h"
 
@@ -366,6 +366,66 @@ static void test_small_views(void)
     free_organ(&o);
 }
 
+/* ---- a cantilever ---- */
+
+/* Where a slender cantilever of square section, length x height, is under a weight that moves its tip by `tip` (m),
+ * down along z: Euler and Bernoulli's line, sections stay square to it. */
+static sb_vec3 bent(sb_vec3 x, double length, double height, double tip)
+{
+    double at = (double)x.x / length;
+    double line = tip / 3 * at * at * (6 - 4 * at + at * at),
+           slope = tip / (3 * length) * at * (12 - 12 * at + 4 * at * at);
+    return sb_v3(REAL((double)x.x + slope * ((double)x.z - height / 2)), x.y, REAL((double)x.z - line));
+}
+
+/* A clamped bar that sags, of which all is seen: a weight explains it better than tractions do, and what is found to
+ * act is w_tip 8 E I / L^3, but for what shear adds, (h / L)^2 (1 + nu) / (1.5 k), k = 5/6. */
+static void test_cantilever(void)
+{
+    const double length = 0.3, height = 0.03, tip = 0.004, poisson = 0.3;
+    const double shear = height * height / (length * length) * (1 + poisson) / 1.25;
+    const double load =
+        tip / (1 + shear) * 8 * 1000 * height * height * height * height / 12 / (length * length * length);
+    sb_mesh mesh = scene_box(SB_HEX20, 20, 2, 2, sb_v3(REAL(length), REAL(height), REAL(height)), 0);
+    reg_model_def bar = reg_default_model_def();
+    reg_infer_def def = reg_default_infer_def();
+    reg_model *model = NULL;
+    reg_infer *infer = NULL;
+    reg_quality quality;
+    sb_boundary skin;
+    int *fixed = (int *)calloc((size_t)mesh.node_count, sizeof *fixed);
+    sb_vec3 *forces = (sb_vec3 *)calloc((size_t)mesh.node_count, sizeof *forces);
+    double sum = 0;
+    bar.mesh = &mesh;
+    bar.poisson = REAL(poisson);
+    bar.fixed = fixed;
+    for (int i = 0; i < mesh.node_count; i++)
+        if (mesh.nodes[i].x < REAL(1e-6))
+            fixed[bar.fixed_count++] = i;
+    if (CHECK_OK(sb_mesh_boundary(&mesh, 1, NULL, &skin, NULL)) && CHECK_OK(reg_model_create(&bar, &model, NULL))) {
+        for (int i = 0; i < skin.surface.node_count; i++)
+            skin.surface.nodes[i] = bent(skin.surface.nodes[i], length, height, tip);
+        def.model = model;
+        def.target.points = skin.surface.nodes;
+        def.target.count = skin.surface.node_count;
+        def.start_sd = REAL(1e-4);
+        def.start_turn = REAL(1e-3);
+        if (CHECK_OK(reg_infer_run(&def, &infer, NULL)) && CHECK_OK(reg_infer_get_quality(infer, &quality)) &&
+            CHECK_OK(reg_infer_forces(infer, forces))) {
+            for (int i = 0; i < mesh.node_count; i++)
+                sum -= (double)forces[i].z;
+            CHECK_INT(quality.prior, REG_PRIOR_GRAVITY);
+            CHECK_NEAR(sum / load, 1, 0.02);
+        }
+        sb_boundary_free(&skin);
+    }
+    reg_infer_destroy(infer);
+    reg_model_destroy(model);
+    free(fixed);
+    free(forces);
+    sb_mesh_free(&mesh);
+}
+
 /* ---- landmarks, frames, threads ---- */
 
 /* One that nothing is known of changes no bit; an exact one is met; draws and moved points agree with the answer. */
@@ -637,5 +697,5 @@ static void test_memory(void)
 }
 
 CHECK_SUITE(infer, {"organs", test_organs}, {"small_views", test_small_views}, {"landmarks", test_landmarks},
-            {"frames", test_frames}, {"threads", test_threads}, {"caps", test_caps}, {"refusals", test_refusals},
-            {"failing allocations", test_memory});
+            {"cantilever", test_cantilever}, {"frames", test_frames}, {"threads", test_threads}, {"caps", test_caps},
+            {"refusals", test_refusals}, {"failing allocations", test_memory});
