@@ -379,7 +379,7 @@ $(eval $(call golden,clang-O2,$(CLANG) -std=c99 -O2 -DSB_NO_VECTORS))
 $(eval $(call golden,clang-O3,$(CLANG) -std=gnu99 -O3 -march=native))
 
 test-golden: $(GOLDEN_NAMES:%=build/golden-%/tests)
-	tests/total.sh $(^:%='% /golden') "tests/fused.sh $(GOLDEN_FUSING:%=build/golden-%/implementation.o)"
+	tests/total.sh $(^:%='% /golden') "tests/fused.sh $(patsubst %,build/golden-%/implementation.o,$(filter $(GOLDEN_NAMES),$(GOLDEN_FUSING)))"
 # On 64-bit ARM the golden results, too.
 $(eval $(call suite,aarch64,$(ARM) $(OTHER_CFLAGS),-std=c99 $(C_WARNINGS),-static,,$(sort $(call some,$(PORTABLE)) $(GOLDEN_TESTS))))
 

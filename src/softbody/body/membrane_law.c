@@ -238,7 +238,8 @@ static void sbi_membrane_taut_moduli(const sb_real e[3], sb_real d[3][3])
 static void sbi_membrane_wrinkled_moduli(const sbi_membrane_axes *at, sb_real d[3][3])
 {
     const sb_real c = 1 + at->x, n0 = at->n[0], n1 = at->n[1];
-    const sb_real along[3] = {n0 * n0, n1 * n1, n0 * n1}, across[3] = {-n0 * n1, n0 * n1, (n0 * n0 - n1 * n1) / 2};
+    const sb_real back = 0 - n1; /* and not -n1: sums only, no - and + in turn, which gcc 12 fuses */
+    const sb_real along[3] = {n0 * n0, n1 * n1, n0 * n1}, across[3] = {n0 * back, n0 * n1, (n0 * n0 - n1 * n1) / 2};
     sb_real energy, rate = 3 / (c * c * sb_sqrt(c)), turn = 4 * sbi_membrane_pull(at->x, &energy) / (at->x - at->z);
     for (int i = 0; i < 3; i++)
         for (int j = 0; j < 3; j++)
