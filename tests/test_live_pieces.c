@@ -993,8 +993,9 @@ static void test_memory(void)
 
 /* ---- refusals ---- */
 
-/* What comes of making cell 0 a piece; the change is given up. */
-static sb_result try_piece(sb_element_type type, sb_mass_kind kind, int curved, sb_real share, sb_cell_moments moments)
+/* What comes of making cell 0 a piece, with these loads of its faces. */
+static sb_result try_faces(sb_element_type type, sb_mass_kind kind, int curved, sb_real share, sb_cell_moments moments,
+                           const sb_real *face_loads)
 {
     sb_mesh mesh = scene_box(type, 2, 2, 2, bar_size(1), 0);
     sb_body_def def = sb_default_body_def();
@@ -1017,6 +1018,7 @@ static sb_result try_piece(sb_element_type type, sb_mass_kind kind, int curved, 
     cell.parent = 0;
     cell.share = share;
     cell.moments = &moments;
+    cell.face_loads = face_loads;
     result = sb_body_change_replace_cell(change, 0, &cell, NULL);
     if (result == SB_OK)
         result = sb_body_change_commit(change, NULL);
@@ -1028,6 +1030,36 @@ static sb_result try_piece(sb_element_type type, sb_mass_kind kind, int curved, 
     sb_body_destroy(body);
     sb_mesh_free(&mesh);
     return result;
+}
+
+static sb_result try_piece(sb_element_type type, sb_mass_kind kind, int curved, sb_real share, sb_cell_moments moments)
+{
+    return try_faces(type, kind, curved, share, moments, NULL);
+}
+
+/* Loads of a face whose mean lies far outside of it, as its share is far less than they are. */
+static void test_faces(void)
+{
+    sb_cell_moments good;
+    sb_real loads[24];
+    memset(&good, 0, sizeof good);
+    good.centroid = sb_v3(REAL(0.25), REAL(0.25), REAL(0.25));
+    memset(loads, 0, sizeof loads);
+    CHECK_OK(try_faces(SB_TET10, SB_MASS_LUMPED, 0, REAL(0.5), good, loads));
+    for (int k = 0; k < 24; k++) /* an eighth of each, about the middle of it */
+        loads[k] = k % 6 < 3 ? REAL(-1) / 72 : REAL(1) / 18;
+    CHECK_OK(try_faces(SB_TET10, SB_MASS_LUMPED, 0, REAL(0.5), good, loads));
+    for (int small = 0; small < 3; small++) {
+        sb_real size = small == 0 ? REAL(0.1) : SB_EPSILON / (small == 1 ? 1 : 4);
+        memset(loads, 0, sizeof loads);
+        loads[0] = -size;
+        loads[1] = size;
+        loads[2] = size * SB_EPSILON * SB_EPSILON;
+        CHECK_RESULT(try_faces(SB_TET10, SB_MASS_LUMPED, 0, REAL(0.5), good, loads), SB_ERROR_ARGUMENT);
+        CHECK_RESULT(try_faces(SB_TET4, SB_MASS_LUMPED, 0, REAL(0.5), good, loads), SB_ERROR_ARGUMENT);
+    }
+    loads[0] = 2; /* nothing is read of an element that has no pieces */
+    CHECK_RESULT(try_faces(SB_HEX8, SB_MASS_LUMPED, 0, REAL(0.5), good, loads), SB_ERROR_UNSUPPORTED);
 }
 
 static void test_refused(void)
@@ -1063,4 +1095,4 @@ CHECK_SUITE(live_pieces, {"extended finite elements", test_xfem}, {"instant of t
             {"turned", test_turned}, {"slivers", test_slivers}, {"empty pieces", test_empty},
             {"supports", test_supports}, {"states", test_state}, {"recordings", test_recorded},
             {"taken back", test_joined}, {"other materials", test_materials}, {"explicit steps", test_explicit},
-            {"memory", test_memory}, {"refusals", test_refused});
+            {"memory", test_memory}, {"loads of faces", test_faces}, {"refusals", test_refused});

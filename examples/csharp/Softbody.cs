@@ -4542,8 +4542,8 @@ public static unsafe class Native
     ///   where the rest shape of nodes moves, so does its.
     /// Errors, with nothing added: SB_ERROR_ARGUMENT (NULL; no faces; corners; a face that no element has, or between two:
     /// error-&gt;node is its first; a face without area; thickness, shear or prestretch out of range), SB_ERROR_INDEX (a node
-    /// out of range: error-&gt;node), SB_ERROR_NOT_FINITE, SB_ERROR_MEMORY, SB_ERROR_UNSUPPORTED (faces of a cut tet10; in a
-    /// body of SB_CENTRAL_DIFFERENCE one that does not wrinkle: it stiffens without bound as it is pressed together).
+    /// out of range: error-&gt;node), SB_ERROR_NOT_FINITE, SB_ERROR_MEMORY, SB_ERROR_UNSUPPORTED (in a body of
+    /// SB_CENTRAL_DIFFERENCE one that does not wrinkle: it stiffens without bound as it is pressed together).
     /// Source: Pipkin 1986 (relaxed energy); Holzapfel 2000, 6.5, for incompressible sheets.
     /// </summary>
     [DllImport(Library, CallingConvention = CallingConvention.Cdecl)]

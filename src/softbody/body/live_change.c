@@ -490,8 +490,12 @@ static sb_result sbi_change_check_moments(const sb_body *body, const sb_change_c
 {
     const sb_cell_moments *moments = cell->moments;
     const int nodes = body->domain.nodes_per_cell, face_nodes = sbi_piece_face_nodes(nodes);
-    sbi_piece piece = sbi_piece_make(moments->centroid, &moments->covariance, nodes, cell->face_loads);
+    sb_result result = sbi_live_check_pieces(body, error);
+    sbi_piece piece;
     int finite = sb_v3_is_finite(moments->centroid);
+    if (result != SB_OK)
+        return result;
+    piece = sbi_piece_make(moments->centroid, &moments->covariance, nodes, cell->face_loads);
     for (int i = 0; i < 3; i++)
         finite &= sb_v3_is_finite(sb_m3_column(moments->covariance, i));
     for (int k = 0; cell->face_loads && k < 4 * face_nodes; k++)
@@ -500,7 +504,7 @@ static sb_result sbi_change_check_moments(const sb_body *body, const sb_change_c
         return sbi_fail(error, SB_ERROR_NOT_FINITE, "the moments of a cell are not finite");
     if (!sbi_piece_is_sound(&piece, nodes))
         return sbi_fail(error, SB_ERROR_ARGUMENT, "the moments of a cell are not those of a piece of a tet");
-    return sbi_live_check_pieces(body, error);
+    return SB_OK;
 }
 
 /* Checks all of a cell but what its nodes will be; *parent is its number before the change. */

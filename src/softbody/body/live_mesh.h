@@ -37,7 +37,7 @@
  * - Pressures: a face that was split passes its pressure on to its parts; one whose cell went is no longer loaded.
  *   Where a tet falls into pieces, each has what acts on its part of the face (face_loads): force and moment are what
  *   they were, to rounding; on faces of tet10 that are bent the moment is, but for what bends (see cut.h). What a cut
- * lays open is not loaded. A load cannot lose its last face (SB_ERROR_ARGUMENT).
+ *   lays open is not loaded. A load cannot lose its last face (SB_ERROR_ARGUMENT).
  * - Springs and mappings: a removed node's weight goes to its heirs (a spring needs one heir); a row that is a point in
  *   a removed cell becomes the same material point of the cell made there, of an element that is cut of the piece that
  *   has it. Points in space stay.

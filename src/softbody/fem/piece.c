@@ -30,7 +30,9 @@ SBI_API sb_real sbi_piece_face_share(const sb_real *loads, int face_nodes)
 
 static int sbi_piece_face_is_sound(const sb_real *loads, int face_nodes, sb_real slack)
 {
-    sb_real products[6], least = face_nodes == 6 ? -SB_EPSILON : 0; /* differences, of tri6 */
+    const sb_real share = sbi_piece_face_share(loads, face_nodes);
+    const sb_real least = face_nodes == 6 ? -SB_EPSILON * share : 0; /* differences, of tri6; none is more than share */
+    sb_real products[6];
     if (face_nodes == 6)
         sbi_piece_face_products(loads, products);
     else
@@ -38,7 +40,7 @@ static int sbi_piece_face_is_sound(const sb_real *loads, int face_nodes, sb_real
     for (int k = 0; k < face_nodes; k++)
         if (!(products[k] >= least))
             return 0;
-    return sbi_piece_face_share(loads, face_nodes) <= 1 + slack;
+    return share <= 1 + slack;
 }
 
 SBI_API int sbi_piece_is_sound(const sbi_piece *piece, int nodes)
