@@ -90,8 +90,7 @@ static int make_scene(work *w)
     def.damping_stiffness = REAL(0.02);
     status = cut_scene_make(&w->c, &def, s->cut.lattice, SB_CUT_LAG, 0);
     if (!status)
-        status =
-            cut_scene_hold_below(&w->c, (double)o->low.x, (double)o->high.x, "has no side that looks down to lie on");
+        status = organ_hold_on_table(o);
     if (status)
         return status;
     w->mass = (double)sb_body_mass(o->body);

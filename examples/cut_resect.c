@@ -201,8 +201,7 @@ static int make_scene(work *w)
     def.damping_stiffness = REAL(0.03);
     status = cut_scene_make(&w->c, &def, s->cut.lattice, cut_settings_front(&s->cut), 0);
     if (!status)
-        status =
-            cut_scene_hold_below(&w->c, (double)o->low.x, (double)o->high.x, "has no side that looks down to lie on");
+        status = organ_hold_on_table(o);
     if (!status)
         status = embed_tumour(w);
     if (status)

@@ -97,8 +97,8 @@ static int make_scene(work *w)
     def.damping_stiffness = REAL(0.02);
     status = cut_scene_make(&w->c, &def, s->cut.lattice, cut_settings_front(&s->cut), MOST_STROKES);
     if (!status)
-        status = cut_scene_hold_below(&w->c, middle - half, middle + half,
-                                      "has no node on its underside in the middle to lie on (try a wider --ridge)");
+        status = organ_hold_below(o, middle - half, middle + half,
+                                  "has no node on its underside in the middle to lie on (try a wider --ridge)");
     if (status)
         return status;
     options.tolerance = REAL(1e-4);

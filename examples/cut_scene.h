@@ -161,30 +161,6 @@ static inline int cut_scene_part_of(const cut_scene *c, const sb_cut_drawing *d,
     return part;
 }
 
-/* Holds the nodes of faces that look down between two heights of x. */
-static inline int cut_scene_hold_below(cut_scene *c, double from, double to, const char *none)
-{
-    const organ *o = &c->scene;
-    const sb_mesh *surface = &o->boundary.surface;
-    int held = 0;
-    sb_error error;
-    for (int f = 0; f < surface->element_count; f++) {
-        const int *n = surface->elements + 3 * (size_t)f;
-        const sb_vec3 *x = surface->nodes;
-        sb_vec3 normal = sb_v3_cross(sb_v3_sub(x[n[1]], x[n[0]]), sb_v3_sub(x[n[2]], x[n[0]]));
-        if (normal.z > (sb_real)-0.5 * sb_v3_norm(normal))
-            continue;
-        for (int a = 0; a < 3; a++) {
-            if ((double)x[n[a]].x < from || (double)x[n[a]].x > to)
-                continue;
-            if (sb_body_hold(o->body, &o->boundary.nodes[n[a]], 1, SB_XYZ, &error) != SB_OK)
-                return organ_complain_of(o, "the organ", &error, ORGAN_FAILED);
-            held++;
-        }
-    }
-    return held ? 0 : organ_complain(o, "the organ", none, ORGAN_USAGE);
-}
-
 /* ---- pictures -------------------------------------------------------------------------------------------------- */
 
 /* Colours of tissue: skin, and what a cut or a burn laid open. */

@@ -160,6 +160,36 @@ static inline int organ_make_body(organ *o, const sb_body_def *given, const sb_c
     return 0;
 }
 
+/* Holds the nodes, from one x to another, of faces that look down; none: what is said where there are none. */
+static inline int organ_hold_below(const organ *o, double from, double to, const char *none)
+{
+    const sb_mesh *surface = &o->boundary.surface;
+    const sb_vec3 *x = surface->nodes;
+    const int corners = sb_element_corner_count(surface->element_type), width = sb_mesh_element_width(surface);
+    int held = 0;
+    sb_error error;
+    for (int f = 0; f < surface->element_count; f++) {
+        const int *n = surface->elements + (size_t)f * (size_t)width;
+        sb_vec3 normal = sb_v3_cross(sb_v3_sub(x[n[1]], x[n[0]]), sb_v3_sub(x[n[corners - 1]], x[n[0]]));
+        if (normal.z > (sb_real)-0.5 * sb_v3_norm(normal))
+            continue;
+        for (int a = 0; a < width; a++) {
+            if ((double)x[n[a]].x < from || (double)x[n[a]].x > to)
+                continue;
+            if (sb_body_hold(o->body, &o->boundary.nodes[n[a]], 1, SB_XYZ, &error) != SB_OK)
+                return organ_complain_of(o, "the organ", &error, ORGAN_FAILED);
+            held++;
+        }
+    }
+    return held ? 0 : organ_complain(o, "the organ", none, ORGAN_USAGE);
+}
+
+/* The same as on a table, along all of it. */
+static inline int organ_hold_on_table(const organ *o)
+{
+    return organ_hold_below(o, (double)o->low.x, (double)o->high.x, "has no side that looks down to lie on");
+}
+
 static inline int organ_add_tool(organ *o, const sb_tool_def *def, int *tool)
 {
     sb_error error;

@@ -154,26 +154,6 @@ static int plant_tumour(work *w)
     return 0;
 }
 
-/* Nodes of faces that look down, as on a table. */
-static int hold_below(const organ *o)
-{
-    const sb_mesh *surface = &o->boundary.surface;
-    int width = sb_mesh_element_width(surface), held = 0;
-    sb_error error;
-    for (int f = 0; f < surface->element_count; f++) {
-        const int *n = surface->elements + (size_t)f * (size_t)width;
-        const sb_vec3 *x = surface->nodes;
-        sb_vec3 normal = sb_v3_cross(sb_v3_sub(x[n[1]], x[n[0]]), sb_v3_sub(x[n[2]], x[n[0]]));
-        if (normal.z > REAL(-0.5) * sb_v3_norm(normal))
-            continue;
-        for (int a = 0; a < width; a++)
-            if (sb_body_hold(o->body, &o->boundary.nodes[n[a]], 1, SB_XYZ, &error) != SB_OK)
-                return organ_complain_of(o, "the organ", &error, ORGAN_FAILED);
-        held++;
-    }
-    return held ? 0 : organ_complain(o, "the organ", "has no side that looks down to lie on", ORGAN_USAGE);
-}
-
 static int make_scene(work *w)
 {
     const settings *s = w->set;
@@ -194,7 +174,7 @@ static int make_scene(work *w)
     contact.max_iterations = 8;
     status = organ_make_body(&w->scene, &body, &contact);
     if (!status)
-        status = hold_below(&w->scene);
+        status = organ_hold_on_table(&w->scene);
     probe.radius = REAL(s->probe);
     probe.pose.position = sb_v3(w->scene.low.x, w->scene.low.y, w->scene.high.z + REAL(10 * s->probe));
     return status ? status : organ_add_tool(&w->scene, &probe, &w->tool);

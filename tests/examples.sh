@@ -986,7 +986,12 @@ for file in .csv .png; do
 done
 expect 0 'margin_mm=-\{0,1\}0' $resect --lattice 4 --margin 0 --lift 0 -o odd
 long expect_data 0 '^parts=2' cut_resect volumes/liver_a_tet4_2k.vtk --every 0 -o organ
+height_of_part() { sed -n 's/^part 0 .*centre (.*, \(.*\)) mm, held$/\1/p' output.txt; } # mm, of what stays on the table
+expect 0 '^parts=2 ' cut_resect --cells 6 --every 0 --lift 0 -o linear
+linear=$(height_of_part)
 expect 0 '^parts=2 ' cut_resect --quadratic --cells 6 --every 0 --lift 0 -o quadratic
+check "organs of both elements lie as high on the table: $linear, $(height_of_part) mm" awk -v a="$linear" \
+    -v b="$(height_of_part)" 'BEGIN { exit !(a < -3 && b - a < 1 && a - b < 1) }'
 expect 2 'the wedge: does not come loose' $resect --margin 0.5
 expect 2 'far.obj: sticks out of the organ' cut_resect --cells 8 --tumour far.obj
 expect 2 'open.obj: .*edges of one face only' cut_resect --cells 8 --tumour open.obj

@@ -551,6 +551,9 @@ typedef struct sbi_body_face {
  * its corners, or of all nodes that a face of the element has. */
 SBI_API sb_result sbi_body_get_face(const sb_body *body, const int *faces, int f, int count, sbi_body_face *found,
                                     sb_error *error);
+/* The face of a cell. 1 when it is of the surface and the first with its corners: no cell stands on its other side, it
+ * has material (a piece's may have none), and no cell before has one with the same corners, as other pieces may. */
+SBI_API int sbi_body_outer_face(const sb_body *body, int cell, int side, sbi_body_face *face);
 /* Faces with the corners of one that was found, itself first: pieces of a tet10 may share corners and differ in the
  * nodes between them. Returns how many, 1 of all other elements. */
 enum { SBI_BODY_TWINS = 35 }; /* an element has at most as many pieces */

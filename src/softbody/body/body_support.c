@@ -103,6 +103,26 @@ SBI_API int sbi_body_twin_faces(const sb_body *body, const sbi_body_face *face, 
     return count;
 }
 
+SBI_API int sbi_body_outer_face(const sb_body *body, int cell, int side, sbi_body_face *face)
+{
+    const int sides = sbi_element_face_count(sbi_domain_element(&body->domain));
+    sb_real share = 0;
+    int corners;
+    *face = sbi_body_face_of(body, cell, side);
+    corners = sb_element_corner_count(face->type);
+    for (int at = sbi_live_first_cell(body, face->nodes[0]); at >= 0; at = sbi_live_next_cell(body, face->nodes[0], at))
+        for (int k = 0, e = sbi_live_cell_of(body, at); k < sides; k++) {
+            sbi_body_face other = sbi_body_face_of(body, e, k);
+            if (sb_element_corner_count(other.type) != corners ||
+                !sbi_body_are_listed(face->nodes, other.nodes, corners))
+                continue;
+            if (e < cell || sbi_body_is_reversed(face->nodes, other.nodes, corners))
+                return 0;
+            share += sbi_live_is_piece(body, e) ? sbi_piece_face_share(body->live->pieces[e].faces[k], face->count) : 1;
+        }
+    return share > 0;
+}
+
 SBI_API sb_result sbi_body_get_face(const sb_body *body, const int *faces, int f, int count, sbi_body_face *found,
                                     sb_error *error)
 {

@@ -1,6 +1,7 @@
 /* membrane: thin elastic sheets on faces of a body. */
 #include "membrane.h"
 
+#include <limits.h>
 #include <string.h>
 
 #include "body_guest.h"
@@ -18,35 +19,43 @@ SB_API sb_membrane_def sb_default_membrane_def(void)
 
 /* ---- making ---- */
 
-/* corners[faces][*count] of all outer faces, to be freed, with *count faces. */
+/* Counts the outer faces, and copies their corners unless faces is NULL; -1: one of them has another number of corners.
+ */
+static int64_t sbi_membrane_copy_faces(const sb_body *body, int corners, int *faces)
+{
+    const int sides = sbi_element_face_count(sbi_domain_element(&body->domain));
+    int64_t count = 0;
+    sbi_body_face face;
+    for (int e = 0; e < body->domain.cell_count; e++)
+        for (int side = 0; side < sides && sb_body_cell_in_use(body, e); side++) {
+            if (!sbi_body_outer_face(body, e, side, &face))
+                continue;
+            if (sb_element_corner_count(face.type) != corners)
+                return -1;
+            if (faces)
+                memcpy(faces + (size_t)count * (size_t)corners, face.nodes, (size_t)corners * sizeof *faces);
+            count++;
+        }
+    return count;
+}
+
+/* *faces = faces[*count][corners] of all outer faces, to be freed. */
 static sb_result sbi_membrane_list_faces(const sb_body *body, int corners, int **faces, int *count, sb_error *error)
 {
-    sb_mesh mesh;
-    sb_boundary boundary;
-    int width;
-    sb_result result;
+    int64_t found;
     if (body->own_points)
         return sbi_fail(error, SB_ERROR_ARGUMENT, "a body without elements has no faces for a membrane");
-    result = sbi_body_copy_mesh(body, &body->allocator, &mesh, error);
-    if (result != SB_OK)
-        return result;
-    result = sb_mesh_boundary(&mesh, 0, &body->allocator, &boundary, error);
-    sb_mesh_free(&mesh);
-    if (result != SB_OK)
-        return result;
-    *count = boundary.surface.element_count;
-    width = sb_element_node_count(boundary.surface.element_type);
-    *faces = NULL;
-    if (sb_element_corner_count(boundary.surface.element_type) != corners)
-        result = sbi_fail(error, SB_ERROR_ARGUMENT, "the faces of the body have not %d corners", corners);
-    else
-        *faces = (int *)sbi_alloc(&body->allocator, (size_t)*count, (size_t)corners * sizeof(int));
-    if (result == SB_OK && !*faces)
-        result = sbi_fail(error, SB_ERROR_MEMORY, "no memory for %d faces", *count);
-    for (int k = 0; result == SB_OK && k < *count * corners; k++)
-        (*faces)[k] = boundary.surface.elements[(size_t)(k / corners) * (size_t)width + (size_t)(k % corners)];
-    sb_boundary_free(&boundary);
-    return result;
+    found = sbi_membrane_copy_faces(body, corners, NULL);
+    if (found < 0)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "the faces of the body have not %d corners", corners);
+    if (found > INT_MAX)
+        return sbi_fail(error, SB_ERROR_MEMORY, "the body has too many faces");
+    *count = (int)found;
+    *faces = (int *)sbi_alloc(&body->allocator, (size_t)found, (size_t)corners * sizeof **faces);
+    if (!*faces)
+        return sbi_fail(error, SB_ERROR_MEMORY, "no memory for %d faces", *count);
+    sbi_membrane_copy_faces(body, corners, *faces);
+    return SB_OK;
 }
 
 /* As the adder takes it. */
