@@ -78,6 +78,9 @@ typedef struct world {
     sb_quat turns[WORLD_CLOUD];
     sb_constraint_term terms[2];
     sb_parameter parameter;
+    sb_recording_slopes slopes;
+    sb_body *mover; /* whose motion is recorded */
+    sb_recording *moved;
     sb_measurement measurement;
     sb_identify_def identify_def;
     sb_body *still; /* at an equilibrium */
@@ -665,6 +668,45 @@ static sb_recording *world_ended(world *w)
 {
     sb_recording_stop(world_recording(w));
     return w->recording;
+}
+
+/* A loss of nothing. */
+static void world_slope(void *user, int step, const sb_vec3 *displacements, sb_vec3 *dj_du)
+{
+    (void)user;
+    (void)step;
+    (void)displacements;
+    (void)dj_du;
+}
+
+static const sb_recording_loss world_loss = {world_slope, NULL};
+
+static sb_body *world_mover(world *w)
+{
+    sb_body_def def = *world_body_def(w);
+    def.max_newton = 20;
+    def.newton_tolerance = REAL(1e-6);
+    def.slack = 0;
+    if (!w->mover)
+        CHECK_OK(sb_body_create(&def, &w->mover, NULL));
+    return w->mover;
+}
+
+static sb_recording *world_motion(world *w)
+{
+    if (w->moved)
+        return w->moved;
+    CHECK_OK(sb_recording_start(world_mover(w), 0, &w->allocator, &w->moved, NULL));
+    CHECK_OK(sb_body_step(world_mover(w), REAL(0.01), NULL));
+    sb_recording_stop(w->moved);
+    return w->moved;
+}
+
+static sb_recording_slopes *world_slopes(world *w)
+{
+    w->slopes.gradient = w->reals;
+    w->slopes.displacement = w->slopes.velocity = w->slopes.force = w->vectors;
+    return &w->slopes;
 }
 
 static sb_domain *world_domain(world *w)
@@ -1502,6 +1544,8 @@ static void world_free(world *w)
     sb_matrix_free(&w->matrix);
     sb_domain_free(&w->domain);
     sb_recording_destroy(w->recording);
+    sb_recording_destroy(w->moved);
+    sb_body_destroy(w->mover);
     sb_haptic_destroy(w->haptic);
     sb_contact_destroy(w->contact);
     sb_heat_destroy(w->heat);

@@ -1513,6 +1513,20 @@ public unsafe struct sb_parameter
     public int node_count;
 }
 [StructLayout(LayoutKind.Sequential)]
+public unsafe struct sb_recording_loss
+{
+    public IntPtr add_slope;
+    public void* user;
+}
+[StructLayout(LayoutKind.Sequential)]
+public unsafe struct sb_recording_slopes
+{
+    public double* gradient;
+    public sb_vec3* displacement;
+    public sb_vec3* velocity;
+    public sb_vec3* force;
+}
+[StructLayout(LayoutKind.Sequential)]
 public unsafe struct sb_measurement
 {
     public sb_mapping* rows;
@@ -5034,6 +5048,29 @@ public static unsafe class Native
     /// </summary>
     [DllImport(Library, CallingConvention = CallingConvention.Cdecl)]
     public static extern sb_result sb_body_gradient(sb_body* body, sb_vec3* dj_du, sb_vec3* dj_dreaction, sb_parameter* parameters, int parameter_count, double* gradient, sb_vec3* dj_dforce, sb_error* error);
+    /// <summary>
+    /// Gradient of a loss over all steps of a recording with respect to any number of parameters: one linear solve for each
+    /// step, whatever their number.
+    ///   recording   of steps of implicit Euler that are iterated (sb_body_def.max_newton &gt; 1) to newton_tolerance 1e-6 or
+    ///               less, of any lengths; what was called before the first step is where it began
+    ///   body        as of sb_recording_replay, and no recording listens to it. It ends as the recording does; on failure it
+    ///               is what it was before
+    ///   loss        see above
+    ///   parameters  [parameter_count], of every kind but SB_PARAMETER_SUPPORT. A parameter that calls changed between steps
+    ///               has all of its values shifted alike, and one of a load is of the steps in which the load was there
+    /// Calls between steps count as given: a node held where it was is held at that place, whatever moves it there.
+    /// Errors: those of sb_body_gradient and sb_recording_replay, about steps by number; SB_ERROR_UNSUPPORTED: another
+    /// integrator or linearised steps, whose derivatives would need those of the tangent; Prony terms; damping in proportion
+    /// to stiffness unless all materials are linear; damping by regions; a body whose mesh may change (def.slack); contact
+    /// that presses; the density of a grid's elements; calls after the first step that set displacements, velocities or a
+    /// state, or solve for a rest.
+    /// Cost: the recording is played twice, and per step a tangent is made, factored up to 10,000 nodes, and solved with.
+    /// Memory, for the time of the call: some 2 sqrt(steps) saved states and displacements.
+    /// Method: adjoint. With A = M/dt^2 + D/dt + K at the end of a step, backwards: A l = dJ/du + U + V/dt, then
+    /// U = (M/dt^2 + D/dt) l - V/dt and V = M l/dt of the step before; dJ/dp -= l . dr/dp, dJ/df = l.
+    /// </summary>
+    [DllImport(Library, CallingConvention = CallingConvention.Cdecl)]
+    public static extern sb_result sb_recording_gradient(sb_recording* recording, sb_body* body, sb_recording_loss* loss, sb_parameter* parameters, int parameter_count, sb_recording_slopes* slopes, sb_error* error);
     [DllImport(Library, CallingConvention = CallingConvention.Cdecl)]
     public static extern sb_identify_def sb_default_identify_def();
     /// <summary>

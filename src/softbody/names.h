@@ -363,6 +363,7 @@
 #define sb_body_solve_tangent sb_body_solve_tangent_f32
 #define sb_body_sensitivities sb_body_sensitivities_f32
 #define sb_body_gradient sb_body_gradient_f32
+#define sb_recording_gradient sb_recording_gradient_f32
 #define sb_default_identify_def sb_default_identify_def_f32
 #define sb_identify sb_identify_f32
 #define sb_default_heat_tissue sb_default_heat_tissue_f32

@@ -442,6 +442,8 @@ class sb_recording(Structure): pass
 class sb_recording_info(Structure): pass
 class sb_recording_report(Structure): pass
 class sb_parameter(Structure): pass
+class sb_recording_loss(Structure): pass
+class sb_recording_slopes(Structure): pass
 class sb_measurement(Structure): pass
 class sb_identify_def(Structure): pass
 class sb_identify_info(Structure): pass
@@ -1395,6 +1397,16 @@ sb_parameter._fields_ = [
     ("axis", c_int),
     ("nodes", POINTER(c_int)),
     ("node_count", c_int),
+]
+sb_recording_loss._fields_ = [
+    ("add_slope", CFUNCTYPE(None, c_void_p, c_int, POINTER(sb_vec3), POINTER(sb_vec3))),
+    ("user", c_void_p),
+]
+sb_recording_slopes._fields_ = [
+    ("gradient", POINTER(c_double)),
+    ("displacement", POINTER(sb_vec3)),
+    ("velocity", POINTER(sb_vec3)),
+    ("force", POINTER(sb_vec3)),
 ]
 sb_measurement._fields_ = [
     ("rows", POINTER(sb_mapping)),
@@ -2703,6 +2715,7 @@ FUNCTIONS = {  # name: (what it returns, parameters)
     "sb_body_solve_tangent": (c_int, (POINTER(sb_body), POINTER(sb_vec3), POINTER(sb_vec3), c_int, c_double, POINTER(sb_error), )),
     "sb_body_sensitivities": (c_int, (POINTER(sb_body), POINTER(sb_parameter), c_int, POINTER(sb_vec3), POINTER(sb_vec3), POINTER(sb_error), )),
     "sb_body_gradient": (c_int, (POINTER(sb_body), POINTER(sb_vec3), POINTER(sb_vec3), POINTER(sb_parameter), c_int, POINTER(c_double), POINTER(sb_vec3), POINTER(sb_error), )),
+    "sb_recording_gradient": (c_int, (POINTER(sb_recording), POINTER(sb_body), POINTER(sb_recording_loss), POINTER(sb_parameter), c_int, POINTER(sb_recording_slopes), POINTER(sb_error), )),
     "sb_default_identify_def": (sb_identify_def, ()),
     "sb_identify": (c_int, (POINTER(sb_identify_def), POINTER(c_double), POINTER(c_double), POINTER(c_double), POINTER(sb_identify_info), POINTER(sb_error), )),
     "sb_default_heat_tissue": (sb_heat_tissue, ()),
@@ -3256,6 +3269,7 @@ DOCUMENTATION = {
     'sb_body_solve_tangent': 'x = K^-1 rhs for `count` right-hand sides: what small forces (N) added to the present loads displace (m).\n  rhs        [count][node_count] (N); on supported axes it has no effect\n  x          [count][node_count] (m): 0 on supported axes, slaves of constraints follow their masters; may be rhs\n  tolerance  of conjugate gradients, |rhs - K x| / |rhs|, (0, 1); where rounding stops them above it, up to 1e4\n             SB_EPSILON will do. A factored solve is as exact as rounding lets it be\nA factored solve of many right-hand sides at once costs much less than one after the other.',
     'sb_body_sensitivities': 'Derivatives of displacements and of reactions, one solve for each parameter.\n  parameters  [parameter_count]\n  du          [parameter_count][node_count]: du/dp (m per unit of the parameter)\n  dreaction   [parameter_count][node_count]: of sb_body_reactions, the force (N) of the supports on the body; or NULL\nMore errors: SB_ERROR_ARGUMENT naming the parameter: no such kind, axis or constant in its material, a node that is\nnot supported along the axis; SB_ERROR_INDEX: no such region, load or row.\nMethod: K du/dp = -dr/dp, r = f_int - f_ext; reactions dr_s/dp + K_sf du_f/dp. dr/dp is exact: stresses are linear in\nconstants, loads in theirs.',
     'sb_body_gradient': "Gradient of a loss J(u, reactions) with respect to any number of parameters by one solve (adjoint).\n  dj_du         [node_count] dJ/du (J's unit per m); or NULL: 0\n  dj_dreaction  [node_count] dJ/d(reaction) (per N), of no effect on axes that are free; or NULL: 0\n  parameters    [parameter_count], NULL where parameter_count is 0\n  gradient      [parameter_count] dJ/dp: what goes through the equilibrium. What J has of p by itself is to be added\n  dj_dforce     [node_count] dJ/d(dead force on each node) (per N), or NULL\nErrors as sb_body_sensitivities.\nMethod: K^T l = dJ/du + K^T w with w = dJ/dR on supports, m = l - w, dJ/dp = -m . dr/dp; of supports\ndJ/du - K^T m.",
+    'sb_recording_gradient': "Gradient of a loss over all steps of a recording with respect to any number of parameters: one linear solve for each\nstep, whatever their number.\n  recording   of steps of implicit Euler that are iterated (sb_body_def.max_newton > 1) to newton_tolerance 1e-6 or\n              less, of any lengths; what was called before the first step is where it began\n  body        as of sb_recording_replay, and no recording listens to it. It ends as the recording does; on failure it\n              is what it was before\n  loss        see above\n  parameters  [parameter_count], of every kind but SB_PARAMETER_SUPPORT. A parameter that calls changed between steps\n              has all of its values shifted alike, and one of a load is of the steps in which the load was there\nCalls between steps count as given: a node held where it was is held at that place, whatever moves it there.\nErrors: those of sb_body_gradient and sb_recording_replay, about steps by number; SB_ERROR_UNSUPPORTED: another\nintegrator or linearised steps, whose derivatives would need those of the tangent; Prony terms; damping in proportion\nto stiffness unless all materials are linear; damping by regions; a body whose mesh may change (def.slack); contact\nthat presses; the density of a grid's elements; calls after the first step that set displacements, velocities or a\nstate, or solve for a rest.\nCost: the recording is played twice, and per step a tangent is made, factored up to 10,000 nodes, and solved with.\nMemory, for the time of the call: some 2 sqrt(steps) saved states and displacements.\nMethod: adjoint. With A = M/dt^2 + D/dt + K at the end of a step, backwards: A l = dJ/du + U + V/dt, then\nU = (M/dt^2 + D/dt) l - V/dt and V = M l/dt of the step before; dJ/dp -= l . dr/dp, dJ/df = l.",
     'sb_identify': "Finds values[count + free_count], which come in as the start.\n  deviations   [count + free_count] standard deviations in the values' units, or NULL\n  own_shares   [count + free_count] or NULL: of what a value changes in the readings, the share (of its square, in\n               units of sigma) that no other values could change instead: 1 alone, 0 hidden by the others\n  info, error  may be NULL\nDerivatives are those of sb_body_sensitivities; one static solve for each state and trial, from the last accepted\nshape. The body ends with the values, at the equilibrium of the last state. On failure values and outputs are\nuntouched and the body has its materials, shape and what `parameters` name again, but other loads and supports as\n`apply` has left them:\nSB_ERROR_ARGUMENT (the def; a start out of range; YOUNG or POISSON together with CONSTANT of one region),\nSB_ERROR_UNSUPPORTED (a kind that is not among those above; what sb_body_sensitivities does not derive),\nSB_ERROR_INDEX, SB_ERROR_NOT_FINITE, SB_ERROR_INDEFINITE (fewer readings than values, or a direction that no reading\nsees: the message names it), SB_ERROR_NOT_CONVERGED (max_iterations; or no step lowers chi2 any more, far from a\nminimum), SB_ERROR_MEMORY; what a static solve at the start, or `apply`, fails with.\nMethod: Levenberg-Marquardt in log (nu: nu = 1/2 logistic(q); gravity, forces, pressures as they are), steps of at\nmost 1 there; a trial whose solve fails counts as one that does not help. A value at a bound that would leave stays\nthere, and the others take the step that is best with it there. Ends when chi2 falls by less than 1e-6 of itself or\nvalues move by less than 1e-8.",
     'sb_heat_create': "Heat of a body, one for each at most. Takes all memory for steps from the body's allocator. It becomes part of the\nbody's saved states, recordings and hashes: create it in the body that loads them, too. Destroy it before the body.\nThe def's arrays are copied. Errors, with *heat untouched: SB_ERROR_ARGUMENT (the field, element or region is named;\nthe body has one already), SB_ERROR_NOT_FINITE, SB_ERROR_INDEX (a region that the mesh does not have),\nSB_ERROR_UNSUPPORTED (def.slack, or clouds), SB_ERROR_MEMORY.",
     'sb_heat_destroy': 'The body is as stiff as its materials again. NULL is fine.',

@@ -18,6 +18,7 @@
 #include "constraint.h"
 #include "live_private.h"
 #include "load.h"
+#include "record_private.h"
 #include "state_part.h"
 #include "../base/output.h"
 
@@ -782,15 +783,6 @@ static int sbi_record_fits(const sbi_record_rule *rule, const sbi_command *c)
 
 /* ---- reading ---- */
 
-/* A place in a recording. The arrays of the command are still encoded. */
-typedef struct sbi_record_cursor {
-    const sb_recording *recording;
-    size_t at; /* behind the command */
-    const sbi_record_rule *rule;
-    sbi_command command; /* ints and reals: set by sbi_record_decode */
-    const unsigned char *ints, *reals;
-} sbi_record_cursor;
-
 /* Steps on to the next command; 0 when what stands there is none. */
 static int sbi_record_next(sbi_record_cursor *cursor)
 {
@@ -909,12 +901,6 @@ SB_API sb_result sb_recording_load_file(const char *path, const sb_allocator *al
 
 /* ---- replay ---- */
 
-/* Room for the arguments of the longest command. */
-typedef struct sbi_record_scratch {
-    int *ints;
-    sb_vec3 *vectors; /* reals, in whole vectors */
-} sbi_record_scratch;
-
 static sb_result sbi_record_take_scratch(const sb_recording *recording, sbi_record_scratch *scratch, sb_error *error)
 {
     sbi_record_cursor cursor = sbi_record_begin(recording);
@@ -1000,44 +986,66 @@ static sb_result sbi_record_compare(const sbi_record_cursor *cursor, const sb_bo
                          report->first_node, report->last_node);
 }
 
-static sb_result sbi_record_play(sbi_record_cursor *cursor, sb_body *body, sb_recording_report *report)
+SBI_API sb_result sbi_record_play_next(sbi_record_player *player)
 {
-    const sbi_record_rule *rule = cursor->rule;
+    const sbi_command *command = &player->cursor.command;
+    sb_recording_report *report = player->report;
+    const sbi_record_rule *rule;
     char reason[256];
     sb_result result;
+    if (!sbi_record_next(&player->cursor)) /* the image was checked when it was loaded */
+        return sbi_fail(&report->error, SB_ERROR_FORMAT, "command %d is wrong", report->commands);
+    rule = player->cursor.rule;
+    sbi_record_decode(&player->cursor, &player->scratch);
     memset(&report->error, 0, sizeof report->error);
-    if (rule->reals == SBI_REALS_PER_NODE && cursor->command.real_count != 3 * (size_t)body->domain.node_count)
-        result = sbi_record_refuse_counts(&cursor->command, &report->error);
+    if (rule->reals == SBI_REALS_PER_NODE && command->real_count != 3 * (size_t)player->body->domain.node_count)
+        result = sbi_record_refuse_counts(command, &report->error);
     else
-        result = rule->play(body, &cursor->command, &report->error);
-    if (sbi_record_is_solve(rule->code))
-        return sbi_record_compare(cursor, body, result, report);
-    if (result == SB_OK)
-        return SB_OK;
-    memcpy(reason, report->error.message, sizeof reason);
-    return sbi_fail(&report->error, result, "command %d (%s) was refused: %.150s", report->commands, rule->name,
-                    reason[0] ? reason : sb_result_string(result));
+        result = rule->play(player->body, command, &report->error);
+    if (sbi_record_is_solve(rule->code)) {
+        result = sbi_record_compare(&player->cursor, player->body, result, report);
+    } else if (result != SB_OK) {
+        memcpy(reason, report->error.message, sizeof reason);
+        return sbi_fail(&report->error, result, "command %d (%s) was refused: %.150s", report->commands, rule->name,
+                        reason[0] ? reason : sb_result_string(result));
+    }
+    if (result != SB_OK)
+        return result;
+    report->commands++;
+    report->steps += sbi_record_is_solve(rule->code);
+    return SB_OK;
 }
 
-static sb_result sbi_record_run(const sb_recording *recording, sb_body *body, const sbi_record_scratch *scratch,
-                                sb_recording_report *report)
+SBI_API int sbi_record_peek(const sbi_record_player *player, sbi_record_glance *glance)
 {
-    sbi_record_cursor cursor = sbi_record_begin(recording);
+    sbi_record_cursor cursor = player->cursor;
+    memset(glance, 0, sizeof *glance);
+    if (player->report->commands >= cursor.recording->commands || !sbi_record_next(&cursor))
+        return 0;
+    glance->code = cursor.rule->code;
+    glance->went_well = cursor.command.a == (int)SB_OK;
+    if (glance->code == SBI_COMMAND_STEP)
+        glance->dt = sbi_real_of(sbi_get_bytes(cursor.reals, (int)sizeof(sb_real)));
+    return 1;
+}
+
+SBI_API void sbi_record_skip(sbi_record_player *player)
+{
+    if (!sbi_record_next(&player->cursor))
+        return;
+    player->report->commands++;
+    player->report->steps += sbi_record_is_solve(player->cursor.rule->code);
+}
+
+static sb_result sbi_record_load_start(const sbi_record_player *player)
+{
+    const sb_recording *recording = player->cursor.recording;
+    sb_error *error = &player->report->error;
     sb_result result =
-        sb_body_state_load(body, recording->data + SBI_RECORD_HEAD, recording->state_size, &report->error);
-    if (result == SB_OK && recording->node_count != body->domain.node_count)
-        return sbi_fail(&report->error, SB_ERROR_STATE, "the recording is of %d nodes, the body has %d",
-                        recording->node_count, body->domain.node_count);
-    for (int i = 0; i < recording->commands && result == SB_OK; i++) {
-        if (!sbi_record_next(&cursor)) /* the image was checked when it was loaded */
-            return sbi_fail(&report->error, SB_ERROR_FORMAT, "command %d is wrong", i);
-        sbi_record_decode(&cursor, scratch);
-        result = sbi_record_play(&cursor, body, report);
-        if (result != SB_OK)
-            return result;
-        report->commands++;
-        report->steps += sbi_record_is_solve(cursor.rule->code);
-    }
+        sb_body_state_load(player->body, recording->data + SBI_RECORD_HEAD, recording->state_size, error);
+    if (result == SB_OK && recording->node_count != player->body->domain.node_count)
+        return sbi_fail(error, SB_ERROR_STATE, "the recording is of %d nodes, the body has %d", recording->node_count,
+                        player->body->domain.node_count);
     return result;
 }
 
@@ -1047,25 +1055,51 @@ static void sbi_record_clear_error(sb_error *error)
     error->element = error->node = -1;
 }
 
-SB_API sb_result sb_recording_replay(const sb_recording *recording, sb_body *body, sb_recording_report *report)
+SBI_API sb_result sbi_record_open(const sb_recording *recording, sb_body *body, sb_recording_report *report,
+                                  sbi_record_player *player)
 {
-    sb_recording_report own;
-    sbi_record_scratch scratch = {NULL, NULL};
     sb_result result;
-    report = report ? report : &own;
+    memset(player, 0, sizeof *player);
     memset(report, 0, sizeof *report);
     report->step = report->first_node = report->last_node = -1;
     report->distance = -1;
     sbi_record_clear_error(&report->error);
     if (!recording || !body || recording->body == body)
         return sbi_fail(&report->error, SB_ERROR_ARGUMENT,
-                        "sb_recording_replay needs a recording and a body that is not the one being recorded");
-    result = sbi_record_take_scratch(recording, &scratch, &report->error);
+                        "a replay needs a recording and a body that is not the one being recorded");
+    player->body = body;
+    player->report = report;
+    player->cursor = sbi_record_begin(recording);
+    result = sbi_record_take_scratch(recording, &player->scratch, &report->error);
     if (result == SB_OK)
-        result = sbi_record_run(recording, body, &scratch, report);
+        result = sbi_record_load_start(player);
+    if (result != SB_OK)
+        sbi_record_close(player);
+    return result;
+}
+
+SBI_API void sbi_record_close(sbi_record_player *player)
+{
+    const sb_allocator *allocator = &player->cursor.recording->allocator;
+    sbi_free(allocator, player->scratch.ints);
+    sbi_free(allocator, player->scratch.vectors);
+    memset(&player->scratch, 0, sizeof player->scratch);
+}
+
+SB_API sb_result sb_recording_replay(const sb_recording *recording, sb_body *body, sb_recording_report *report)
+{
+    sb_recording_report own;
+    sbi_record_player player;
+    sbi_record_glance next;
+    sb_result result;
+    report = report ? report : &own;
+    result = sbi_record_open(recording, body, report, &player);
+    if (result != SB_OK)
+        return result;
+    while (result == SB_OK && sbi_record_peek(&player, &next))
+        result = sbi_record_play_next(&player);
     if (result == SB_OK)
         sbi_record_clear_error(&report->error);
-    sbi_free(&recording->allocator, scratch.ints);
-    sbi_free(&recording->allocator, scratch.vectors);
+    sbi_record_close(&player);
     return result;
 }

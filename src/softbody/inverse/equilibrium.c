@@ -62,29 +62,59 @@ static void sbi_equilibrium_loads(sb_body *b)
         b->external[i] = sb_v3_madd(b->dead_load[i], b->load_mass[i], b->gravity);
 }
 
-/* The residual at the present loads, all of them, and K there. */
-static sb_result sbi_equilibrium_evaluate(sbi_equilibrium *eq)
+static void sbi_equilibrium_set_up(sbi_equilibrium *eq)
 {
     sbi_step *step = &eq->step;
-    sb_result result;
     step->body = eq->body;
     step->info = &step->own_info;
     sbi_step_begin_info(step->info);
     step->part = step->load_factor = step->loads_factor = step->level = step->inertia_level = 1;
     step->tolerance = sb_max((sb_real)1e-6, 64 * SB_EPSILON);
-    step->forces_only = 1;
-    sbi_equilibrium_loads(eq->body);
-    result = sbi_step_evaluate(step);
+}
+
+static sb_result sbi_equilibrium_tangent(sbi_equilibrium *eq, sb_result result)
+{
     if (result == SB_OK)
-        sbi_step_tangent(step, SB_TANGENT_EXACT);
+        sbi_step_tangent(&eq->step, SB_TANGENT_EXACT);
     else if (eq->error)
-        *eq->error = step->info->error;
+        *eq->error = eq->step.info->error;
     return result;
 }
 
-static sb_result sbi_equilibrium_is_balanced(sbi_equilibrium *eq)
+/* The residual at the present loads, all of them, and K there. */
+static sb_result sbi_equilibrium_evaluate(sbi_equilibrium *eq)
 {
-    sb_real rounding = 2 * sbi_static_floor(&eq->step);
+    sbi_equilibrium_set_up(eq);
+    eq->step.forces_only = 1;
+    sbi_equilibrium_loads(eq->body);
+    return sbi_equilibrium_tangent(eq, sbi_step_evaluate(&eq->step));
+}
+
+/* The same at the end of a step, with inertia and damping. */
+static sb_result sbi_equilibrium_evaluate_step(sbi_equilibrium *eq, sb_real dt, const sb_vec3 *end)
+{
+    sb_body *b = eq->body;
+    sbi_step *step = &eq->step;
+    sb_result result = SB_OK;
+    sbi_equilibrium_set_up(eq);
+    step->dynamic = step->line_search = 1;
+    step->dt = dt;
+    step->max_newton = sbi_body_max_newton(b);
+    sbi_step_dead_loads(b);
+    if (sbi_body_has_beta(b))
+        result = sbi_step_keep_damping(step);
+    sbi_step_scheme(step);
+    step->has_velocity = 1;
+    memcpy(b->displacement, end, (size_t)eq->node_count * sizeof *end);
+    b->force_current = 0;
+    if (result == SB_OK)
+        result = sbi_step_evaluate(step);
+    return sbi_equilibrium_tangent(eq, result);
+}
+
+/* rounding: of the residual (N). */
+static sb_result sbi_equilibrium_is_balanced(sbi_equilibrium *eq, sb_real rounding)
+{
     if (eq->step.moves_supports)
         return sbi_fail(eq->error, SB_ERROR_NOT_CONVERGED,
                         "supports or constraints have yet to move: the body is not at an equilibrium");
@@ -97,7 +127,6 @@ static sb_result sbi_equilibrium_is_balanced(sbi_equilibrium *eq)
 
 static sb_result sbi_equilibrium_check(const sb_body *body, sb_real tolerance, sb_error *error)
 {
-    int node;
     if (!body || !(tolerance > 0) || !(tolerance < 1))
         return sbi_fail(error, SB_ERROR_ARGUMENT, "derivatives need a body and a tolerance in (0, 1)");
     if (body->touch && body->touch->touching > 0)
@@ -109,11 +138,33 @@ static sb_result sbi_equilibrium_check(const sb_body *body, sb_real tolerance, s
     if (sbi_cavities_resist(body))
         return sbi_fail(error, SB_ERROR_UNSUPPORTED,
                         "a cavity resists growing: derivatives know cavities of given pressure only");
-    node = sbi_body_unsupported_node(body);
-    if (node >= 0)
-        return sbi_fail_node(error, SB_ERROR_UNCONSTRAINED, node,
-                             "the part of the mesh with node %d can move freely: support it", node);
     return SB_OK;
+}
+
+static sb_result sbi_equilibrium_check_held(const sb_body *body, sb_error *error)
+{
+    int node = sbi_body_unsupported_node(body);
+    if (node < 0)
+        return SB_OK;
+    return sbi_fail_node(error, SB_ERROR_UNCONSTRAINED, node,
+                         "the part of the mesh with node %d can move freely: support it", node);
+}
+
+static sb_result sbi_equilibrium_check_step(const sb_body *body, sb_error *error)
+{
+    const char *what = NULL;
+    if (body->integrator != SB_EULER || sbi_body_max_newton(body) == 1)
+        what = "steps are to be of implicit Euler, of several Newton iterations (max_newton > 1)";
+    else if (body->regional_damping)
+        what = "damping by regions has no derivative here";
+    else if (sbi_body_has_beta(body) && !sbi_step_is_linear(body))
+        what = "damping in proportion to stiffness has a derivative with linear materials only";
+    else if (body->live)
+        what = "the mesh of the body may change (def.slack): its steps have no derivatives";
+    for (int i = 0; i < body->material_count && !what; i++)
+        if (body->materials[i].prony_count > 0)
+            what = "materials that relax (Prony terms) have no derivatives of steps";
+    return what ? sbi_fail(error, SB_ERROR_UNSUPPORTED, "%s", what) : SB_OK;
 }
 
 /* ---- the system ---- */
@@ -192,16 +243,16 @@ static sb_result sbi_equilibrium_factor(sbi_equilibrium *eq)
     return sbi_equilibrium_precondition(eq);
 }
 
-SBI_API sb_result sbi_equilibrium_begin(sb_body *body, sb_real tolerance, sbi_equilibrium *eq, sb_error *error)
+/* Memory, and what is given back at the end; nothing is evaluated. */
+static sb_result sbi_equilibrium_open(sb_body *body, sb_real tolerance, sbi_equilibrium *eq, sb_error *error)
 {
-    sb_result result = sbi_equilibrium_check(body, tolerance, error);
-    if (result != SB_OK)
-        return result;
+    sb_result result;
     memset(eq, 0, sizeof *eq);
     eq->body = body;
     eq->error = error;
     eq->tolerance = (double)tolerance;
     eq->node_count = body->domain.node_count;
+    eq->strain = body->displacement;
     eq->full = body->matrix;
     eq->skew = sbi_loads_press(body);
     result = sbi_equilibrium_take_memory(eq);
@@ -211,10 +262,12 @@ SBI_API sb_result sbi_equilibrium_begin(sb_body *body, sb_real tolerance, sbi_eq
     }
     sbi_step_save(body);
     sbi_step_watch_folds(body, 0);
-    sbi_step_enter(body, (sb_real)INFINITY);
-    result = sbi_equilibrium_evaluate(eq);
-    if (result == SB_OK)
-        result = sbi_equilibrium_is_balanced(eq);
+    return SB_OK;
+}
+
+/* The tangent has been made, if all went well: it is factored. */
+static sb_result sbi_equilibrium_take(sbi_equilibrium *eq, sb_result result)
+{
     if (result == SB_OK) {
         sbi_equilibrium_mask(eq);
         result = sbi_equilibrium_factor(eq);
@@ -222,6 +275,38 @@ SBI_API sb_result sbi_equilibrium_begin(sb_body *body, sb_real tolerance, sbi_eq
     if (result != SB_OK)
         sbi_equilibrium_end(eq);
     return result;
+}
+
+SBI_API sb_result sbi_equilibrium_begin(sb_body *body, sb_real tolerance, sbi_equilibrium *eq, sb_error *error)
+{
+    sb_result result = sbi_equilibrium_check(body, tolerance, error);
+    if (result == SB_OK)
+        result = sbi_equilibrium_check_held(body, error);
+    if (result == SB_OK)
+        result = sbi_equilibrium_open(body, tolerance, eq, error);
+    if (result != SB_OK)
+        return result;
+    sbi_step_enter(body, (sb_real)INFINITY);
+    result = sbi_equilibrium_evaluate(eq);
+    if (result == SB_OK)
+        result = sbi_equilibrium_is_balanced(eq, 2 * sbi_static_floor(&eq->step));
+    return sbi_equilibrium_take(eq, result);
+}
+
+SBI_API sb_result sbi_equilibrium_begin_step(sb_body *body, sb_real dt, const sb_vec3 *end, sb_real tolerance,
+                                             sbi_equilibrium *eq, sb_error *error)
+{
+    sb_result result = sbi_equilibrium_check(body, tolerance, error);
+    if (result == SB_OK)
+        result = sbi_equilibrium_check_step(body, error);
+    if (result == SB_OK)
+        result = sbi_equilibrium_open(body, tolerance, eq, error);
+    if (result != SB_OK)
+        return result;
+    result = sbi_equilibrium_evaluate_step(eq, dt, end);
+    if (result == SB_OK)
+        result = sbi_equilibrium_is_balanced(eq, sbi_step_rounding(&eq->step));
+    return sbi_equilibrium_take(eq, result);
 }
 
 SBI_API void sbi_equilibrium_end(sbi_equilibrium *eq)

@@ -1,5 +1,5 @@
 /* equilibrium: a body's present shape as the solution of r(u, p) = 0, its exact tangent K, and solves with it. Floor 4,
- * internal.
+ * internal. The end of a time step is one, too: r then has inertia and damping in it, and K is what they make of it.
  *
  * With constraints u = T u' + b: what is solved is T^T K T on free axes; vectors go in and come out whole. */
 #ifndef SB_EQUILIBRIUM_H
@@ -17,7 +17,9 @@ typedef struct sbi_equilibrium {
     sb_matrix *matrix; /* what is solved: masked, condensed where there are constraints */
     sb_direct *direct; /* or NULL: conjugate gradients with */
     sb_preconditioner *precond;
-    int skew; /* 1: pressures may have a part that K leaves out */
+    int skew;              /* 1: pressures may have a part that K leaves out */
+    const sb_vec3 *strain; /* [node_count] displacements whose forces by the elements' parameters are dr/dp: those of
+                            * the shape, and with damping in proportion to stiffness a share of velocities */
     double tolerance;
     int node_count;
     sb_vec3 *right, *solution, *product, *sum; /* [node_count] scratch of a solve */
@@ -25,6 +27,10 @@ typedef struct sbi_equilibrium {
 
 /* Checks that the present shape is one and makes K. On failure nothing is left to end. */
 SBI_API sb_result sbi_equilibrium_begin(sb_body *body, sb_real tolerance, sbi_equilibrium *eq, sb_error *error);
+/* The same of the shape `end` [node_count] that a step of implicit Euler of dt (s) has led to from the body's present
+ * state; until the end of all the body has that shape. SB_ERROR_UNSUPPORTED where r depends on more, see motion.h. */
+SBI_API sb_result sbi_equilibrium_begin_step(sb_body *body, sb_real dt, const sb_vec3 *end, sb_real tolerance,
+                                             sbi_equilibrium *eq, sb_error *error);
 /* Gives all back; the body is as it was. */
 SBI_API void sbi_equilibrium_end(sbi_equilibrium *eq);
 /* out = K x; with transposed 1 K^T x. They differ by what pressures have at rims. */

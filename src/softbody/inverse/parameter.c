@@ -226,10 +226,23 @@ SBI_API sb_result sbi_parameter_check(const sb_body *body, const sb_parameter *p
 
 static sb_vec3 sbi_axis(int axis) { return sb_v3((sb_real)(axis == 0), (sb_real)(axis == 1), (sb_real)(axis == 2)); }
 
-/* -int N g dV of a region. */
-static void sbi_parameter_weight(const sb_body *body, int region, sb_vec3 *residual)
+/* What a node's mass is accelerated by, less gravity. */
+static sb_vec3 sbi_parameter_acceleration(const sbi_equilibrium *eq, int node)
 {
+    const sb_body *b = eq->body;
+    sb_vec3 weight = sb_v3_scale(-1, b->gravity);
+    if (!eq->step.dynamic)
+        return weight;
+    return sb_v3_add(weight, sb_v3_madd(sbi_step_acceleration(&eq->step, node), sbi_step_alpha(b),
+                                        sbi_step_velocity(&eq->step, node)));
+}
+
+/* Of a region: -int N g dV, and of a time step int N N (a + alpha v - g) dV by the body's kind of mass. */
+static void sbi_parameter_weight(const sbi_equilibrium *eq, int region, sb_vec3 *residual)
+{
+    const sb_body *body = eq->body;
     const sb_domain *domain = &body->domain;
+    const sb_mass_kind kind = eq->step.dynamic ? body->mass_kind : SB_MASS_LUMPED;
     int n = domain->nodes_per_cell, found;
     int index = sbi_body_find_region(body->material_regions, body->material_count, region, &found);
     for (int e = 0; e < domain->cell_count; e++) {
@@ -240,10 +253,25 @@ static void sbi_parameter_weight(const sb_body *body, int region, sb_vec3 *resid
             continue;
         for (int a = 0; a < n; a++)
             x[a] = body->reference[cell[a]];
-        sbi_body_cell_mass(body, e, SB_MASS_LUMPED, x, mass, load);
+        sbi_body_cell_mass(body, e, kind, x, mass, load);
         for (int a = 0; a < n; a++)
-            residual[cell[a]] = sb_v3_madd(residual[cell[a]], -load[a], body->gravity);
+            for (int b = 0; b < n; b++) {
+                sb_real share = eq->step.dynamic ? mass[a * n + b] : a == b ? load[a] : 0;
+                residual[cell[a]] = sb_v3_madd(residual[cell[a]], share, sbi_parameter_acceleration(eq, cell[b]));
+            }
     }
+}
+
+/* -M e of an axis; of an equilibrium with the masses that weigh. */
+static void sbi_parameter_gravity(const sbi_equilibrium *eq, int axis, sb_vec3 *residual)
+{
+    const sb_body *b = eq->body;
+    for (int i = 0; i < eq->node_count; i++)
+        eq->product[i] = sb_v3_scale(-1, sbi_axis(axis));
+    if (eq->step.dynamic)
+        sbi_body_mass_multiply(b, eq->product, residual);
+    for (int i = 0; !eq->step.dynamic && i < eq->node_count; i++)
+        residual[i] = sb_v3_scale(b->load_mass[i], eq->product[i]);
 }
 
 static void sbi_parameter_rows(const sb_body *body, const sb_parameter *p, sb_vec3 *residual)
@@ -258,12 +286,13 @@ static void sbi_parameter_rows(const sb_body *body, const sb_parameter *p, sb_ve
     }
 }
 
-static void sbi_parameter_elements(sb_body *body, const sb_parameter *p, sb_vec3 *residual)
+static void sbi_parameter_elements(const sbi_equilibrium *eq, const sb_parameter *p, sb_vec3 *residual)
 {
+    sb_body *body = eq->body;
     int found, index = sbi_body_find_region(body->material_regions, body->material_count, p->region, &found);
     sb_real factor;
     sb_material change = sbi_parameter_material(p, body->materials + index, &factor);
-    (void)sbi_assembly_add_share(&body->assembly, body->displacement, index, &change, residual);
+    (void)sbi_assembly_add_share(&body->assembly, eq->strain, index, &change, residual);
     for (int i = 0; factor != 1 && i < body->domain.node_count; i++)
         residual[i] = sb_v3_scale(factor, residual[i]);
 }
@@ -273,15 +302,15 @@ SBI_API void sbi_parameter_residual(const sbi_equilibrium *eq, const sb_paramete
     sb_body *b = eq->body;
     memset(residual, 0, (size_t)eq->node_count * sizeof *residual);
     if (sbi_parameter_is_of_material(p->kind))
-        sbi_parameter_elements(b, p, residual);
+        sbi_parameter_elements(eq, p, residual);
     if (p->kind == SB_PARAMETER_DENSITY)
-        sbi_parameter_weight(b, p->region, residual);
+        sbi_parameter_weight(eq, p->region, residual);
     if (p->kind == SB_PARAMETER_STIFFNESS || p->kind == SB_PARAMETER_TARGET)
         sbi_parameter_rows(b, p, residual);
     if (p->kind == SB_PARAMETER_PRESSURE)
         sbi_load_add_unit_pressure(b, sbi_loads_get(b, p->load_id), b->displacement, residual);
-    for (int i = 0; p->kind == SB_PARAMETER_GRAVITY && i < eq->node_count; i++)
-        residual[i] = sb_v3_scale(-b->load_mass[i], sbi_axis(p->axis));
+    if (p->kind == SB_PARAMETER_GRAVITY)
+        sbi_parameter_gravity(eq, p->axis, residual);
     for (int i = 0; p->kind == SB_PARAMETER_FORCE && i < p->node_count; i++)
         residual[p->nodes[i]] = sb_v3_sub(residual[p->nodes[i]], sbi_axis(p->axis));
     for (int i = 0; p->kind == SB_PARAMETER_PRESSURE && i < eq->node_count; i++)

@@ -309,6 +309,8 @@ static int sbi_precond_pieces(const sb_preconditioner *p, int rows)
     return pieces < SBI_PRECOND_MAX_PIECES ? pieces : SBI_PRECOND_MAX_PIECES;
 }
 
+SBI_API int sbi_precond_wanted_pieces(const sb_preconditioner *p) { return sbi_precond_pieces(p, p->row_count); }
+
 static sb_result sbi_precond_check_young(int cell_count, const sb_real *young, sb_error *error)
 {
     for (int e = 0; e < cell_count; e++) {

@@ -198,6 +198,8 @@ SBI_API int sbi_precond_follows(const sb_preconditioner *preconditioner);
 /* The pattern is another one: nothing is known of it until the next update, which lists rows and cuts pieces again,
  * from the matrix and `rest` [row_count] (m, borrowed) alone: the same as of one made anew, whatever the history. */
 SBI_API void sbi_precond_follow(sb_preconditioner *preconditioner, const sb_matrix *matrix, const sb_vec3 *rest);
+/* Coarse pieces that it was to have; it makes about as many. */
+SBI_API int sbi_precond_wanted_pieces(const sb_preconditioner *preconditioner);
 /* Does so now, if that is still to be done. 0: it is of a kind that does not follow, and of the pattern of before. */
 SBI_API int sbi_precond_settle(sb_preconditioner *preconditioner, const sb_matrix *matrix);
 /* Another Poisson's ratio than that of the def, for all updates to come. */
