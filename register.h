@@ -11788,9 +11788,10 @@ typedef struct regi_response {
     sb_direct *direct;
     sb_vec3 centre;          /* m: turns of the pose are about it; set by the owner */
     sb_vec3 *residual;       /* [nodes] internal forces of the shape that was factored (N) */
-    sb_vec3 *weighted_modes; /* [MODES][nodes] rigid motions times shares of the mass, of nothing-held organs, */
-    sb_vec3 *drift;          /* [MODES][nodes] and what these as forces do */
-    double drift_system[REGI_RESPONSE_MODES * REGI_RESPONSE_MODES]; /* their products, factored */
+    sb_vec3 *weighted_modes; /* [MODES][nodes] rigid motions times shares of the mass, */
+    sb_vec3 *drift;          /* [MODES][nodes] what these as forces do, */
+    sb_vec3 *recoil;         /* [nodes] and what the residual does, like any row that is solved for */
+    double drift_system[REGI_RESPONSE_MODES * REGI_RESPONSE_MODES]; /* their products, factored, where nothing holds */
 } regi_response;
 
 /* Takes its arrays from an arena. */
@@ -11816,7 +11817,8 @@ REGI_API void regi_response_layout(regi_response *r, int node_count, sbi_arena *
     size_t n = (size_t)node_count;
     r->residual = (sb_vec3 *)sbi_arena_take(arena, n, sizeof(sb_vec3));
     r->weighted_modes = (sb_vec3 *)sbi_arena_take(arena, n, REGI_RESPONSE_MODES * sizeof(sb_vec3));
-    r->drift = (sb_vec3 *)sbi_arena_take(arena, n, REGI_RESPONSE_MODES * sizeof(sb_vec3));
+    r->drift = (sb_vec3 *)sbi_arena_take(arena, n, (REGI_RESPONSE_MODES + 1) * sizeof(sb_vec3));
+    r->recoil = r->drift ? r->drift + REGI_RESPONSE_MODES * n : NULL; /* solved for along with it */
 }
 
 /* What is held does not move but with the pose. */
@@ -11862,14 +11864,20 @@ REGI_API void regi_response_mode(const regi_response *r, int mode, sb_vec3 *forc
     }
 }
 
-/* The modes about where the organ is, and their system. 0: it is not positive. */
+/* What modes and residual do where the organ is. 0: the modes' system is not positive. */
 static int regi_response_find_drift(regi_response *r)
 {
     size_t n = (size_t)r->model->mesh.node_count;
-    for (int k = 0; k < REGI_RESPONSE_MODES; k++)
+    for (int k = 0; k < REGI_RESPONSE_MODES; k++) {
         regi_response_mode(r, k, r->weighted_modes + (size_t)k * n);
+        regi_response_hold(r, r->weighted_modes + (size_t)k * n);
+    }
     memcpy(r->drift, r->weighted_modes, REGI_RESPONSE_MODES * n * sizeof *r->drift);
-    (void)sb_direct_solve(r->direct, &r->drift[0].x, &r->drift[0].x, REGI_RESPONSE_MODES);
+    memcpy(r->recoil, r->residual, n * sizeof *r->recoil);
+    regi_response_hold(r, r->recoil);
+    (void)sb_direct_solve(r->direct, &r->drift[0].x, &r->drift[0].x, REGI_RESPONSE_MODES + 1);
+    if (r->model->held)
+        return 1;
     for (int k = 0; k < REGI_RESPONSE_MODES; k++)
         for (int l = 0; l < REGI_RESPONSE_MODES; l++) {
             double sum = 0;
@@ -11877,7 +11885,10 @@ static int regi_response_find_drift(regi_response *r)
                 sum += (double)sb_v3_dot(r->weighted_modes[(size_t)k * n + i], r->drift[(size_t)l * n + i]);
             r->drift_system[k * REGI_RESPONSE_MODES + l] = sum;
         }
-    return regi_gauss_cholesky(r->drift_system, REGI_RESPONSE_MODES, REGI_RESPONSE_MODES);
+    if (!regi_gauss_cholesky(r->drift_system, REGI_RESPONSE_MODES, REGI_RESPONSE_MODES))
+        return 0;
+    regi_response_stop_drift(r, r->recoil);
+    return 1;
 }
 
 REGI_API sb_result regi_response_factor(regi_response *r, sb_error *error)
@@ -11885,7 +11896,7 @@ REGI_API sb_result regi_response_factor(regi_response *r, sb_error *error)
     /* what holds nothing-held organs acts on increments only, and balanced loads do not notice */
     sb_real hold = (sb_real)(r->model->held ? 1e-4 : 1e-2) * REGI_MODEL_YOUNG * r->model->size;
     sb_result result = sbi_body_factor(r->model->body, hold, r->residual, r->direct, error);
-    if (result == SB_OK && !r->model->held && !regi_response_find_drift(r))
+    if (result == SB_OK && !regi_response_find_drift(r))
         result = sbi_fail(error, SB_ERROR_INDEFINITE, "the organ's stiffness is not positive");
     return result;
 }
@@ -12150,7 +12161,7 @@ struct reg_infer {
     const reg_infer_def *def; /* during the run */
     reg_model *model;
     regi_response response; /* where the organ was before the last round */
-    sbi_between *between;   /* lefts: data, then modes; rights: loads, the other modes, the residual */
+    sbi_between *between;   /* lefts: data; rights: control points */
     regi_look look;
     regi_gauss gauss;
     regi_infer_choice choice;
@@ -12176,7 +12187,7 @@ struct reg_infer {
     double *datum;                   /* [most] scratch */
     double *chances;                 /* [DRAWS][loads + REGI_GAUSS_POSES + most] */
     sb_vec3 *tractions;              /* [c] scratch */
-    double *drift;                   /* [data][REGI_RESPONSE_MODES] forces that stop the drift of a datum's row */
+    double *drift;                   /* [REGI_RESPONSE_MODES][most] forces that stop the drift of data's rows */
     sb_vec3 *row;                    /* [REG_INFER_DRAWS][nodes] */
     sb_vec3 *skin;                   /* [skin nodes] where they are (m) */
     sb_vec3 *forces;                 /* [nodes] found (N) */
@@ -12194,6 +12205,8 @@ struct reg_infer {
 };
 
 /* ---- infer ---- */
+/* Data that there may be. */
+REGI_API int regi_infer_most_data(const reg_infer *infer);
 /* Points or a surface, a camera, numbers in range. SB_ERROR_ARGUMENT, SB_ERROR_NOT_FINITE (error->node). */
 REGI_API sb_result regi_infer_check_points(const reg_points *target, sb_error *error);
 /* 1: orthonormal, of determinant 1, finite. */
@@ -12207,7 +12220,7 @@ REGI_API sb_result regi_infer_group(reg_infer *infer, int patches, sb_error *err
 /* Looks for the points' places on the model where it is now, trusts them, and lists the data: gauss.count, patch_of,
  * averaged. Returns how many patches count. */
 REGI_API int regi_infer_look(reg_infer *infer, int round);
-/* Adds the row of a datum, row[nodes] zeroed, and tells its gap and what the pose does to it (per m and rad). */
+/* Adds the row of a datum to row[nodes], and tells its gap and what the pose does to it (per m and rad). */
 REGI_API void regi_infer_row(const reg_infer *infer, int datum, sb_vec3 *row, double *gap,
                              double pose[REGI_INFER_POSE]);
 /* What displacements u[nodes] do to a datum (m). */
@@ -12751,60 +12764,60 @@ REGI_API int regi_infer_choose(reg_infer *f)
 
 /* ---- responses ---- */
 
-/* What unit tractions and weights do along a row: a datum's response, or a resultant. */
+/* Of a load along the axes, to[3][most]: what it does to a datum or resultant. */
+static void regi_infer_put(const reg_infer *f, double *to, int at, sb_vec3 v)
+{
+    size_t m = (size_t)f->gauss.most;
+    to += at;
+    to[0] = (double)v.x;
+    to[m] = (double)v.y;
+    to[2 * m] = (double)v.z;
+}
+
+/* What unit tractions and weights do along a row, for a resultant. */
 static void regi_infer_store(reg_infer *f, int at, const sb_vec3 *row)
 {
     int c = f->model->prior.control_count;
-    size_t m = (size_t)f->gauss.most;
     sb_vec3 weight;
     regi_prior_collect(&f->model->prior, row, f->tractions, &weight);
-    for (int j = 0; j <= c; j++) {
-        sb_vec3 v = j < c ? f->tractions[j] : weight;
-        double *to = f->raw + (size_t)(3 * j) * m + (size_t)at;
-        to[0] = (double)v.x;
-        to[m] = (double)v.y;
-        to[2 * m] = (double)v.z;
-    }
+    for (int j = 0; j <= c; j++)
+        regi_infer_put(f, f->raw + 3 * (size_t)j * (size_t)f->gauss.most, at, j < c ? f->tractions[j] : weight);
 }
 
-/* Adds a vector of forces to those that the inverse of the stiffness goes between. What is held takes none. */
-static void regi_infer_add_vector(reg_infer *f, int column, const sb_vec3 *forces)
+/* Moves what the row has at the nodes of a mapping's point to a left. What is held takes no forces. */
+static void regi_infer_move_point(reg_infer *f, int datum, const sb_mapping *mapping, int point)
 {
     const unsigned char *held = sb_body_supports(f->model->body);
-    for (int i = 0; i < f->node_count; i++) {
-        sb_vec3 v = sbi_body_pick_axes(held[i], sb_v3(0, 0, 0), forces[i]);
+    for (int k = mapping->row_start[point]; k < mapping->row_start[point + 1]; k++) {
+        int node = mapping->nodes[k];
+        sb_vec3 v = sbi_body_pick_axes(held[node], sb_v3(0, 0, 0), f->row[node]);
+        f->row[node] = sb_v3(0, 0, 0);
         if (v.x != 0 || v.y != 0 || v.z != 0)
-            sbi_between_add(f->between, column, i, v);
+            sbi_between_add(f->between, datum, node, v);
     }
 }
 
-/* The rights: unit tractions of the control points, the weight's, which are the first modes, the other modes, the
- * residual. */
-static void regi_infer_add_loads(reg_infer *f)
+/* Moves a datum's row to the lefts; row[nodes] is 0 again. */
+static void regi_infer_move_row(reg_infer *f, int datum)
 {
-    const regi_prior *p = &f->model->prior;
-    int first = f->gauss.most + (int)REGI_RESPONSE_MODES, modes = first + 3 * p->control_count;
-    for (int i = 0; i < f->node_count; i++)
-        for (int k = p->start[i]; k < p->start[i + 1]; k++)
-            for (int axis = 0; axis < 3; axis++)
-                sbi_between_add(f->between, first + 3 * p->controls[k] + axis, i,
-                                sb_v3_scale(p->shares[k], sb_v3(axis == 0, axis == 1, axis == 2)));
-    for (int k = 0; k < (f->model->held ? 3 : (int)REGI_RESPONSE_MODES); k++) {
-        regi_response_mode(&f->response, k, f->row);
-        regi_infer_add_vector(f, modes + k, f->row);
-        if (!f->model->held)
-            regi_infer_add_vector(f, f->gauss.most + k, f->row);
+    int patch = f->patch_of[datum];
+    if (patch < 0) {
+        regi_infer_move_point(f, datum, &f->marks.mapping, (-1 - patch) / 3);
+        return;
     }
-    regi_infer_add_vector(f, modes + REGI_RESPONSE_MODES, f->response.residual);
+    for (int i = f->look.patch_start[patch]; i < f->look.patch_start[patch + 1]; i++)
+        for (int k = 0; k < 3 && f->look.points[i].triangle >= 0; k++)
+            regi_infer_move_point(f, datum, &f->model->rows.mapping,
+                                  f->model->skin.elements[3 * (size_t)f->look.points[i].triangle + (size_t)k]);
 }
 
 /* The lefts: the data's rows; their gaps and what the pose does to them. */
 static void regi_infer_add_data(reg_infer *f)
 {
     regi_gauss *g = &f->gauss;
+    memset(f->row, 0, (size_t)f->node_count * sizeof *f->row);
     for (int s = 0; s < g->count; s++) {
         double pose[REGI_INFER_POSE];
-        memset(f->row, 0, (size_t)f->node_count * sizeof *f->row);
         regi_infer_row(f, s, f->row, g->gap + s, pose);
         for (int k = 0; k < REGI_INFER_POSE; k++) {
             g->pose[(size_t)k * (size_t)g->most + (size_t)s] = pose[k] * f->pose_sd[k];
@@ -12812,21 +12825,35 @@ static void regi_infer_add_data(reg_infer *f)
         }
         g->pose[(size_t)REGI_INFER_POSE * (size_t)g->most + (size_t)s] =
             f->patch_of[s] < 0 ? 0 : REGI_INFER_OFFSET * (double)f->model->size;
-        regi_infer_add_vector(f, s, f->row);
+        regi_infer_move_row(f, s);
     }
 }
 
-/* What a right does to all data, the motion as a whole taken out by forces on the modes: out[count]. drift: [count]
- * [MODES] such forces for each datum. */
-static void regi_infer_answer(const reg_infer *f, int right, const double *drift, double *out)
+/* Of nothing-held organs: takes the motion as a whole out of the responses of the data to all loads, by forces on the
+ * modes. */
+static void regi_infer_stop_drift(reg_infer *f)
 {
-    double along[REGI_RESPONSE_MODES];
-    for (int k = 0; k < REGI_RESPONSE_MODES; k++)
-        along[k] = f->model->held ? 0 : (double)sbi_between_get(f->between, f->gauss.most + k, right);
+    size_t m = (size_t)f->gauss.most, n = (size_t)f->node_count;
     for (int s = 0; s < f->gauss.count; s++) {
-        out[s] = (double)sbi_between_get(f->between, s, right);
-        for (int k = 0; k < REGI_RESPONSE_MODES && !f->model->held; k++)
-            out[s] -= along[k] * drift[s * REGI_RESPONSE_MODES + k];
+        double forces[REGI_RESPONSE_MODES];
+        for (int k = 0; k < REGI_RESPONSE_MODES; k++)
+            forces[k] = regi_infer_measure(f, s, f->response.drift + (size_t)k * n);
+        regi_gauss_substitute(f->response.drift_system, REGI_RESPONSE_MODES, REGI_RESPONSE_MODES, forces);
+        for (int k = 0; k < REGI_RESPONSE_MODES; k++)
+            f->drift[(size_t)k * m + (size_t)s] = forces[k];
+    }
+    for (int k = 0; k < REGI_RESPONSE_MODES; k++) {
+        sb_vec3 weight;
+        regi_prior_collect(&f->model->prior, f->response.drift + (size_t)k * n, f->tractions, &weight);
+        for (int j = 0; j <= f->model->prior.control_count; j++) {
+            sb_vec3 along = j < f->model->prior.control_count ? f->tractions[j] : weight;
+            const sb_real of[3] = {along.x, along.y, along.z};
+            for (size_t axis = 0; axis < 3; axis++) {
+                double *to = f->raw + (3 * (size_t)j + axis) * m;
+                for (int s = 0; s < f->gauss.count; s++)
+                    to[s] -= (double)of[axis] * f->drift[(size_t)k * m + (size_t)s];
+            }
+        }
     }
 }
 
@@ -12835,22 +12862,23 @@ static void regi_infer_answer(const reg_infer *f, int right, const double *drift
 static void regi_infer_measure_data(reg_infer *f)
 {
     regi_gauss *g = &f->gauss;
-    int modes = 3 * f->model->prior.control_count;
+    size_t m = (size_t)g->most, n = (size_t)f->node_count;
+    const regi_prior *p = &f->model->prior;
+    const sbi_between_rights tractions = {p->start, p->controls, p->shares}; /* unit ones of the control points */
+    double *weight = f->raw + 3 * (size_t)p->control_count * m;
     sbi_between_clear(f->between);
     regi_infer_add_data(f);
-    regi_infer_add_loads(f);
-    (void)sbi_between_run(f->between); /* the factor is there */
-    for (int s = 0; s < g->count && !f->model->held; s++) {
-        double *drift = f->drift + (size_t)s * REGI_RESPONSE_MODES;
-        for (int k = 0; k < REGI_RESPONSE_MODES; k++)
-            drift[k] = (double)sbi_between_get(f->between, s, modes + k);
-        regi_gauss_substitute(f->response.drift_system, REGI_RESPONSE_MODES, REGI_RESPONSE_MODES, drift);
+    (void)sbi_between_run(f->between, &tractions); /* the factor is there */
+    for (int j = 0; j < p->control_count; j++)
+        for (int s = 0; s < g->count; s++)
+            regi_infer_put(f, f->raw + 3 * (size_t)j * m, s, sbi_between_get(f->between, s, j));
+    for (int s = 0; s < g->count; s++) {
+        for (size_t axis = 0; axis < REGI_INFER_WEIGHT; axis++) /* the first modes are the weight */
+            weight[axis * m + (size_t)s] = regi_infer_measure(f, s, f->response.drift + axis * n);
+        g->gap[s] += regi_infer_measure(f, s, f->response.recoil);
     }
-    for (int b = 0; b < f->loads; b++)
-        regi_infer_answer(f, b, f->drift, f->raw + (size_t)b * (size_t)g->most);
-    regi_infer_answer(f, modes + REGI_RESPONSE_MODES, f->drift, f->datum);
-    for (int s = 0; s < g->count; s++)
-        g->gap[s] += f->datum[s];
+    if (!f->model->held)
+        regi_infer_stop_drift(f);
 }
 
 /* Forces and torques about the centre, over the size, of unit loads where the organ is now. */
@@ -13562,11 +13590,13 @@ static sb_result regi_infer_take_landmarks(reg_infer *f, sb_error *error)
 
 /* ---- life ---- */
 
+REGI_API int regi_infer_most_data(const reg_infer *f) { return f->look.patch_count + 3 * f->landmark_count; }
+
 static void regi_infer_layout(reg_infer *f, sbi_arena *arena)
 {
     size_t n = (size_t)f->node_count, c = (size_t)f->model->prior.control_count, points = (size_t)f->look.point_count;
     size_t patches = (size_t)f->look.patch_count, marks = (size_t)f->landmark_count, loads = (size_t)f->loads;
-    size_t most = patches + 3 * marks + REGI_GAUSS_EXACT, cells = (size_t)f->model->domain.cell_count;
+    size_t most = (size_t)regi_infer_most_data(f) + REGI_GAUSS_EXACT, cells = (size_t)f->model->domain.cell_count;
     size_t width = (size_t)f->model->domain.nodes_per_cell, real = sizeof(double), vec = sizeof(sb_vec3);
     f->look.points = (regi_look_point *)sbi_arena_take(arena, points, sizeof(regi_look_point));
     f->look.patch_start = (int *)sbi_arena_take(arena, patches + 1, sizeof(int));
@@ -13588,7 +13618,7 @@ static void regi_infer_layout(reg_infer *f, sbi_arena *arena)
     f->datum = (double *)sbi_arena_take(arena, most, real);
     f->chances = (double *)sbi_arena_take(arena, loads + REGI_GAUSS_POSES + most, REG_INFER_DRAWS * real);
     f->tractions = (sb_vec3 *)sbi_arena_take(arena, c, vec);
-    f->drift = (double *)sbi_arena_take(arena, most, REGI_RESPONSE_MODES * real);
+    f->drift = (double *)sbi_arena_take(arena, REGI_RESPONSE_MODES, most * real);
     f->row = (sb_vec3 *)sbi_arena_take(arena, n, REG_INFER_DRAWS * vec);
     f->skin = (sb_vec3 *)sbi_arena_take(arena, (size_t)f->model->skin.node_count, vec);
     regi_response_layout(&f->response, f->node_count, arena);
@@ -13606,7 +13636,7 @@ static void regi_infer_layout(reg_infer *f, sbi_arena *arena)
 static sb_result regi_infer_allocate(reg_infer *f, sb_error *error)
 {
     sbi_arena arena = {NULL, 0, 0};
-    int most = f->look.patch_count + 3 * f->landmark_count + REGI_GAUSS_EXACT;
+    int most = regi_infer_most_data(f) + REGI_GAUSS_EXACT;
     sb_result result;
     regi_infer_layout(f, &arena);
     f->memory = arena.overflow ? NULL : sbi_alloc_zeroed(&f->allocator, 1, arena.used);
@@ -13630,19 +13660,17 @@ static size_t regi_infer_widest(const sb_mapping *mapping, int rows)
     return (size_t)most;
 }
 
-/* Room for all that the inverse goes between: nodes that patches and landmarks depend on, those that control points
- * act on along three axes, and dense vectors: modes on either side and the residual. */
+/* Room for what the inverse goes between: the nodes that patches and landmarks depend on. */
 static sb_result regi_infer_make_between(reg_infer *f, sb_error *error)
 {
     const reg_model *m = f->model;
     size_t n = (size_t)f->node_count, marks = (size_t)f->landmark_count, dense = (size_t)f->look.patch_count * n;
     size_t points = 3 * (size_t)f->look.point_count * regi_infer_widest(&m->rows.mapping, m->skin.node_count);
-    size_t entries = (points < dense ? points : dense) + 3 * (size_t)m->prior.start[n];
+    size_t entries = points < dense ? points : dense;
     if (marks > 0)
         entries += 3 * marks * regi_infer_widest(&f->marks.mapping, f->landmark_count);
-    return sbi_between_create(f->response.direct, f->gauss.most + REGI_RESPONSE_MODES,
-                              3 * m->prior.control_count + REGI_RESPONSE_MODES + 1,
-                              entries + (2 * REGI_RESPONSE_MODES + 1) * n, &f->allocator, &f->between, error);
+    return sbi_between_create(f->response.direct, regi_infer_most_data(f), m->prior.control_count, entries,
+                              &f->allocator, &f->between, error);
 }
 
 /* The organ at the start, and what the pose may be about it. */

@@ -145,11 +145,13 @@ static sb_result regi_infer_take_landmarks(reg_infer *f, sb_error *error)
 
 /* ---- life ---- */
 
+REGI_API int regi_infer_most_data(const reg_infer *f) { return f->look.patch_count + 3 * f->landmark_count; }
+
 static void regi_infer_layout(reg_infer *f, sbi_arena *arena)
 {
     size_t n = (size_t)f->node_count, c = (size_t)f->model->prior.control_count, points = (size_t)f->look.point_count;
     size_t patches = (size_t)f->look.patch_count, marks = (size_t)f->landmark_count, loads = (size_t)f->loads;
-    size_t most = patches + 3 * marks + REGI_GAUSS_EXACT, cells = (size_t)f->model->domain.cell_count;
+    size_t most = (size_t)regi_infer_most_data(f) + REGI_GAUSS_EXACT, cells = (size_t)f->model->domain.cell_count;
     size_t width = (size_t)f->model->domain.nodes_per_cell, real = sizeof(double), vec = sizeof(sb_vec3);
     f->look.points = (regi_look_point *)sbi_arena_take(arena, points, sizeof(regi_look_point));
     f->look.patch_start = (int *)sbi_arena_take(arena, patches + 1, sizeof(int));
@@ -171,7 +173,7 @@ static void regi_infer_layout(reg_infer *f, sbi_arena *arena)
     f->datum = (double *)sbi_arena_take(arena, most, real);
     f->chances = (double *)sbi_arena_take(arena, loads + REGI_GAUSS_POSES + most, REG_INFER_DRAWS * real);
     f->tractions = (sb_vec3 *)sbi_arena_take(arena, c, vec);
-    f->drift = (double *)sbi_arena_take(arena, most, REGI_RESPONSE_MODES * real);
+    f->drift = (double *)sbi_arena_take(arena, REGI_RESPONSE_MODES, most * real);
     f->row = (sb_vec3 *)sbi_arena_take(arena, n, REG_INFER_DRAWS * vec);
     f->skin = (sb_vec3 *)sbi_arena_take(arena, (size_t)f->model->skin.node_count, vec);
     regi_response_layout(&f->response, f->node_count, arena);
@@ -189,7 +191,7 @@ static void regi_infer_layout(reg_infer *f, sbi_arena *arena)
 static sb_result regi_infer_allocate(reg_infer *f, sb_error *error)
 {
     sbi_arena arena = {NULL, 0, 0};
-    int most = f->look.patch_count + 3 * f->landmark_count + REGI_GAUSS_EXACT;
+    int most = regi_infer_most_data(f) + REGI_GAUSS_EXACT;
     sb_result result;
     regi_infer_layout(f, &arena);
     f->memory = arena.overflow ? NULL : sbi_alloc_zeroed(&f->allocator, 1, arena.used);
@@ -213,19 +215,17 @@ static size_t regi_infer_widest(const sb_mapping *mapping, int rows)
     return (size_t)most;
 }
 
-/* Room for all that the inverse goes between: nodes that patches and landmarks depend on, those that control points
- * act on along three axes, and dense vectors: modes on either side and the residual. */
+/* Room for what the inverse goes between: the nodes that patches and landmarks depend on. */
 static sb_result regi_infer_make_between(reg_infer *f, sb_error *error)
 {
     const reg_model *m = f->model;
     size_t n = (size_t)f->node_count, marks = (size_t)f->landmark_count, dense = (size_t)f->look.patch_count * n;
     size_t points = 3 * (size_t)f->look.point_count * regi_infer_widest(&m->rows.mapping, m->skin.node_count);
-    size_t entries = (points < dense ? points : dense) + 3 * (size_t)m->prior.start[n];
+    size_t entries = points < dense ? points : dense;
     if (marks > 0)
         entries += 3 * marks * regi_infer_widest(&f->marks.mapping, f->landmark_count);
-    return sbi_between_create(f->response.direct, f->gauss.most + REGI_RESPONSE_MODES,
-                              3 * m->prior.control_count + REGI_RESPONSE_MODES + 1,
-                              entries + (2 * REGI_RESPONSE_MODES + 1) * n, &f->allocator, &f->between, error);
+    return sbi_between_create(f->response.direct, regi_infer_most_data(f), m->prior.control_count, entries,
+                              &f->allocator, &f->between, error);
 }
 
 /* The organ at the start, and what the pose may be about it. */

@@ -36,7 +36,7 @@ struct reg_infer {
     const reg_infer_def *def; /* during the run */
     reg_model *model;
     regi_response response; /* where the organ was before the last round */
-    sbi_between *between;   /* lefts: data, then modes; rights: loads, the other modes, the residual */
+    sbi_between *between;   /* lefts: data; rights: control points */
     regi_look look;
     regi_gauss gauss;
     regi_infer_choice choice;
@@ -62,7 +62,7 @@ struct reg_infer {
     double *datum;                   /* [most] scratch */
     double *chances;                 /* [DRAWS][loads + REGI_GAUSS_POSES + most] */
     sb_vec3 *tractions;              /* [c] scratch */
-    double *drift;                   /* [data][REGI_RESPONSE_MODES] forces that stop the drift of a datum's row */
+    double *drift;                   /* [REGI_RESPONSE_MODES][most] forces that stop the drift of data's rows */
     sb_vec3 *row;                    /* [REG_INFER_DRAWS][nodes] */
     sb_vec3 *skin;                   /* [skin nodes] where they are (m) */
     sb_vec3 *forces;                 /* [nodes] found (N) */
@@ -80,6 +80,8 @@ struct reg_infer {
 };
 
 /* ---- infer ---- */
+/* Data that there may be. */
+REGI_API int regi_infer_most_data(const reg_infer *infer);
 /* Points or a surface, a camera, numbers in range. SB_ERROR_ARGUMENT, SB_ERROR_NOT_FINITE (error->node). */
 REGI_API sb_result regi_infer_check_points(const reg_points *target, sb_error *error);
 /* 1: orthonormal, of determinant 1, finite. */
@@ -93,7 +95,7 @@ REGI_API sb_result regi_infer_group(reg_infer *infer, int patches, sb_error *err
 /* Looks for the points' places on the model where it is now, trusts them, and lists the data: gauss.count, patch_of,
  * averaged. Returns how many patches count. */
 REGI_API int regi_infer_look(reg_infer *infer, int round);
-/* Adds the row of a datum, row[nodes] zeroed, and tells its gap and what the pose does to it (per m and rad). */
+/* Adds the row of a datum to row[nodes], and tells its gap and what the pose does to it (per m and rad). */
 REGI_API void regi_infer_row(const reg_infer *infer, int datum, sb_vec3 *row, double *gap,
                              double pose[REGI_INFER_POSE]);
 /* What displacements u[nodes] do to a datum (m). */

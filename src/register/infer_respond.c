@@ -9,60 +9,60 @@
 
 /* ---- responses ---- */
 
-/* What unit tractions and weights do along a row: a datum's response, or a resultant. */
+/* Of a load along the axes, to[3][most]: what it does to a datum or resultant. */
+static void regi_infer_put(const reg_infer *f, double *to, int at, sb_vec3 v)
+{
+    size_t m = (size_t)f->gauss.most;
+    to += at;
+    to[0] = (double)v.x;
+    to[m] = (double)v.y;
+    to[2 * m] = (double)v.z;
+}
+
+/* What unit tractions and weights do along a row, for a resultant. */
 static void regi_infer_store(reg_infer *f, int at, const sb_vec3 *row)
 {
     int c = f->model->prior.control_count;
-    size_t m = (size_t)f->gauss.most;
     sb_vec3 weight;
     regi_prior_collect(&f->model->prior, row, f->tractions, &weight);
-    for (int j = 0; j <= c; j++) {
-        sb_vec3 v = j < c ? f->tractions[j] : weight;
-        double *to = f->raw + (size_t)(3 * j) * m + (size_t)at;
-        to[0] = (double)v.x;
-        to[m] = (double)v.y;
-        to[2 * m] = (double)v.z;
-    }
+    for (int j = 0; j <= c; j++)
+        regi_infer_put(f, f->raw + 3 * (size_t)j * (size_t)f->gauss.most, at, j < c ? f->tractions[j] : weight);
 }
 
-/* Adds a vector of forces to those that the inverse of the stiffness goes between. What is held takes none. */
-static void regi_infer_add_vector(reg_infer *f, int column, const sb_vec3 *forces)
+/* Moves what the row has at the nodes of a mapping's point to a left. What is held takes no forces. */
+static void regi_infer_move_point(reg_infer *f, int datum, const sb_mapping *mapping, int point)
 {
     const unsigned char *held = sb_body_supports(f->model->body);
-    for (int i = 0; i < f->node_count; i++) {
-        sb_vec3 v = sbi_body_pick_axes(held[i], sb_v3(0, 0, 0), forces[i]);
+    for (int k = mapping->row_start[point]; k < mapping->row_start[point + 1]; k++) {
+        int node = mapping->nodes[k];
+        sb_vec3 v = sbi_body_pick_axes(held[node], sb_v3(0, 0, 0), f->row[node]);
+        f->row[node] = sb_v3(0, 0, 0);
         if (v.x != 0 || v.y != 0 || v.z != 0)
-            sbi_between_add(f->between, column, i, v);
+            sbi_between_add(f->between, datum, node, v);
     }
 }
 
-/* The rights: unit tractions of the control points, the weight's, which are the first modes, the other modes, the
- * residual. */
-static void regi_infer_add_loads(reg_infer *f)
+/* Moves a datum's row to the lefts; row[nodes] is 0 again. */
+static void regi_infer_move_row(reg_infer *f, int datum)
 {
-    const regi_prior *p = &f->model->prior;
-    int first = f->gauss.most + (int)REGI_RESPONSE_MODES, modes = first + 3 * p->control_count;
-    for (int i = 0; i < f->node_count; i++)
-        for (int k = p->start[i]; k < p->start[i + 1]; k++)
-            for (int axis = 0; axis < 3; axis++)
-                sbi_between_add(f->between, first + 3 * p->controls[k] + axis, i,
-                                sb_v3_scale(p->shares[k], sb_v3(axis == 0, axis == 1, axis == 2)));
-    for (int k = 0; k < (f->model->held ? 3 : (int)REGI_RESPONSE_MODES); k++) {
-        regi_response_mode(&f->response, k, f->row);
-        regi_infer_add_vector(f, modes + k, f->row);
-        if (!f->model->held)
-            regi_infer_add_vector(f, f->gauss.most + k, f->row);
+    int patch = f->patch_of[datum];
+    if (patch < 0) {
+        regi_infer_move_point(f, datum, &f->marks.mapping, (-1 - patch) / 3);
+        return;
     }
-    regi_infer_add_vector(f, modes + REGI_RESPONSE_MODES, f->response.residual);
+    for (int i = f->look.patch_start[patch]; i < f->look.patch_start[patch + 1]; i++)
+        for (int k = 0; k < 3 && f->look.points[i].triangle >= 0; k++)
+            regi_infer_move_point(f, datum, &f->model->rows.mapping,
+                                  f->model->skin.elements[3 * (size_t)f->look.points[i].triangle + (size_t)k]);
 }
 
 /* The lefts: the data's rows; their gaps and what the pose does to them. */
 static void regi_infer_add_data(reg_infer *f)
 {
     regi_gauss *g = &f->gauss;
+    memset(f->row, 0, (size_t)f->node_count * sizeof *f->row);
     for (int s = 0; s < g->count; s++) {
         double pose[REGI_INFER_POSE];
-        memset(f->row, 0, (size_t)f->node_count * sizeof *f->row);
         regi_infer_row(f, s, f->row, g->gap + s, pose);
         for (int k = 0; k < REGI_INFER_POSE; k++) {
             g->pose[(size_t)k * (size_t)g->most + (size_t)s] = pose[k] * f->pose_sd[k];
@@ -70,21 +70,35 @@ static void regi_infer_add_data(reg_infer *f)
         }
         g->pose[(size_t)REGI_INFER_POSE * (size_t)g->most + (size_t)s] =
             f->patch_of[s] < 0 ? 0 : REGI_INFER_OFFSET * (double)f->model->size;
-        regi_infer_add_vector(f, s, f->row);
+        regi_infer_move_row(f, s);
     }
 }
 
-/* What a right does to all data, the motion as a whole taken out by forces on the modes: out[count]. drift: [count]
- * [MODES] such forces for each datum. */
-static void regi_infer_answer(const reg_infer *f, int right, const double *drift, double *out)
+/* Of nothing-held organs: takes the motion as a whole out of the responses of the data to all loads, by forces on the
+ * modes. */
+static void regi_infer_stop_drift(reg_infer *f)
 {
-    double along[REGI_RESPONSE_MODES];
-    for (int k = 0; k < REGI_RESPONSE_MODES; k++)
-        along[k] = f->model->held ? 0 : (double)sbi_between_get(f->between, f->gauss.most + k, right);
+    size_t m = (size_t)f->gauss.most, n = (size_t)f->node_count;
     for (int s = 0; s < f->gauss.count; s++) {
-        out[s] = (double)sbi_between_get(f->between, s, right);
-        for (int k = 0; k < REGI_RESPONSE_MODES && !f->model->held; k++)
-            out[s] -= along[k] * drift[s * REGI_RESPONSE_MODES + k];
+        double forces[REGI_RESPONSE_MODES];
+        for (int k = 0; k < REGI_RESPONSE_MODES; k++)
+            forces[k] = regi_infer_measure(f, s, f->response.drift + (size_t)k * n);
+        regi_gauss_substitute(f->response.drift_system, REGI_RESPONSE_MODES, REGI_RESPONSE_MODES, forces);
+        for (int k = 0; k < REGI_RESPONSE_MODES; k++)
+            f->drift[(size_t)k * m + (size_t)s] = forces[k];
+    }
+    for (int k = 0; k < REGI_RESPONSE_MODES; k++) {
+        sb_vec3 weight;
+        regi_prior_collect(&f->model->prior, f->response.drift + (size_t)k * n, f->tractions, &weight);
+        for (int j = 0; j <= f->model->prior.control_count; j++) {
+            sb_vec3 along = j < f->model->prior.control_count ? f->tractions[j] : weight;
+            const sb_real of[3] = {along.x, along.y, along.z};
+            for (size_t axis = 0; axis < 3; axis++) {
+                double *to = f->raw + (3 * (size_t)j + axis) * m;
+                for (int s = 0; s < f->gauss.count; s++)
+                    to[s] -= (double)of[axis] * f->drift[(size_t)k * m + (size_t)s];
+            }
+        }
     }
 }
 
@@ -93,22 +107,23 @@ static void regi_infer_answer(const reg_infer *f, int right, const double *drift
 static void regi_infer_measure_data(reg_infer *f)
 {
     regi_gauss *g = &f->gauss;
-    int modes = 3 * f->model->prior.control_count;
+    size_t m = (size_t)g->most, n = (size_t)f->node_count;
+    const regi_prior *p = &f->model->prior;
+    const sbi_between_rights tractions = {p->start, p->controls, p->shares}; /* unit ones of the control points */
+    double *weight = f->raw + 3 * (size_t)p->control_count * m;
     sbi_between_clear(f->between);
     regi_infer_add_data(f);
-    regi_infer_add_loads(f);
-    (void)sbi_between_run(f->between); /* the factor is there */
-    for (int s = 0; s < g->count && !f->model->held; s++) {
-        double *drift = f->drift + (size_t)s * REGI_RESPONSE_MODES;
-        for (int k = 0; k < REGI_RESPONSE_MODES; k++)
-            drift[k] = (double)sbi_between_get(f->between, s, modes + k);
-        regi_gauss_substitute(f->response.drift_system, REGI_RESPONSE_MODES, REGI_RESPONSE_MODES, drift);
+    (void)sbi_between_run(f->between, &tractions); /* the factor is there */
+    for (int j = 0; j < p->control_count; j++)
+        for (int s = 0; s < g->count; s++)
+            regi_infer_put(f, f->raw + 3 * (size_t)j * m, s, sbi_between_get(f->between, s, j));
+    for (int s = 0; s < g->count; s++) {
+        for (size_t axis = 0; axis < REGI_INFER_WEIGHT; axis++) /* the first modes are the weight */
+            weight[axis * m + (size_t)s] = regi_infer_measure(f, s, f->response.drift + axis * n);
+        g->gap[s] += regi_infer_measure(f, s, f->response.recoil);
     }
-    for (int b = 0; b < f->loads; b++)
-        regi_infer_answer(f, b, f->drift, f->raw + (size_t)b * (size_t)g->most);
-    regi_infer_answer(f, modes + REGI_RESPONSE_MODES, f->drift, f->datum);
-    for (int s = 0; s < g->count; s++)
-        g->gap[s] += f->datum[s];
+    if (!f->model->held)
+        regi_infer_stop_drift(f);
 }
 
 /* Forces and torques about the centre, over the size, of unit loads where the organ is now. */

@@ -10,7 +10,8 @@ REGI_API void regi_response_layout(regi_response *r, int node_count, sbi_arena *
     size_t n = (size_t)node_count;
     r->residual = (sb_vec3 *)sbi_arena_take(arena, n, sizeof(sb_vec3));
     r->weighted_modes = (sb_vec3 *)sbi_arena_take(arena, n, REGI_RESPONSE_MODES * sizeof(sb_vec3));
-    r->drift = (sb_vec3 *)sbi_arena_take(arena, n, REGI_RESPONSE_MODES * sizeof(sb_vec3));
+    r->drift = (sb_vec3 *)sbi_arena_take(arena, n, (REGI_RESPONSE_MODES + 1) * sizeof(sb_vec3));
+    r->recoil = r->drift ? r->drift + REGI_RESPONSE_MODES * n : NULL; /* solved for along with it */
 }
 
 /* What is held does not move but with the pose. */
@@ -56,14 +57,20 @@ REGI_API void regi_response_mode(const regi_response *r, int mode, sb_vec3 *forc
     }
 }
 
-/* The modes about where the organ is, and their system. 0: it is not positive. */
+/* What modes and residual do where the organ is. 0: the modes' system is not positive. */
 static int regi_response_find_drift(regi_response *r)
 {
     size_t n = (size_t)r->model->mesh.node_count;
-    for (int k = 0; k < REGI_RESPONSE_MODES; k++)
+    for (int k = 0; k < REGI_RESPONSE_MODES; k++) {
         regi_response_mode(r, k, r->weighted_modes + (size_t)k * n);
+        regi_response_hold(r, r->weighted_modes + (size_t)k * n);
+    }
     memcpy(r->drift, r->weighted_modes, REGI_RESPONSE_MODES * n * sizeof *r->drift);
-    (void)sb_direct_solve(r->direct, &r->drift[0].x, &r->drift[0].x, REGI_RESPONSE_MODES);
+    memcpy(r->recoil, r->residual, n * sizeof *r->recoil);
+    regi_response_hold(r, r->recoil);
+    (void)sb_direct_solve(r->direct, &r->drift[0].x, &r->drift[0].x, REGI_RESPONSE_MODES + 1);
+    if (r->model->held)
+        return 1;
     for (int k = 0; k < REGI_RESPONSE_MODES; k++)
         for (int l = 0; l < REGI_RESPONSE_MODES; l++) {
             double sum = 0;
@@ -71,7 +78,10 @@ static int regi_response_find_drift(regi_response *r)
                 sum += (double)sb_v3_dot(r->weighted_modes[(size_t)k * n + i], r->drift[(size_t)l * n + i]);
             r->drift_system[k * REGI_RESPONSE_MODES + l] = sum;
         }
-    return regi_gauss_cholesky(r->drift_system, REGI_RESPONSE_MODES, REGI_RESPONSE_MODES);
+    if (!regi_gauss_cholesky(r->drift_system, REGI_RESPONSE_MODES, REGI_RESPONSE_MODES))
+        return 0;
+    regi_response_stop_drift(r, r->recoil);
+    return 1;
 }
 
 REGI_API sb_result regi_response_factor(regi_response *r, sb_error *error)
@@ -79,7 +89,7 @@ REGI_API sb_result regi_response_factor(regi_response *r, sb_error *error)
     /* what holds nothing-held organs acts on increments only, and balanced loads do not notice */
     sb_real hold = (sb_real)(r->model->held ? 1e-4 : 1e-2) * REGI_MODEL_YOUNG * r->model->size;
     sb_result result = sbi_body_factor(r->model->body, hold, r->residual, r->direct, error);
-    if (result == SB_OK && !r->model->held && !regi_response_find_drift(r))
+    if (result == SB_OK && !regi_response_find_drift(r))
         result = sbi_fail(error, SB_ERROR_INDEFINITE, "the organ's stiffness is not positive");
     return result;
 }

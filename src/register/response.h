@@ -12,9 +12,10 @@ typedef struct regi_response {
     sb_direct *direct;
     sb_vec3 centre;          /* m: turns of the pose are about it; set by the owner */
     sb_vec3 *residual;       /* [nodes] internal forces of the shape that was factored (N) */
-    sb_vec3 *weighted_modes; /* [MODES][nodes] rigid motions times shares of the mass, of nothing-held organs, */
-    sb_vec3 *drift;          /* [MODES][nodes] and what these as forces do */
-    double drift_system[REGI_RESPONSE_MODES * REGI_RESPONSE_MODES]; /* their products, factored */
+    sb_vec3 *weighted_modes; /* [MODES][nodes] rigid motions times shares of the mass, */
+    sb_vec3 *drift;          /* [MODES][nodes] what these as forces do, */
+    sb_vec3 *recoil;         /* [nodes] and what the residual does, like any row that is solved for */
+    double drift_system[REGI_RESPONSE_MODES * REGI_RESPONSE_MODES]; /* their products, factored, where nothing holds */
 } regi_response;
 
 /* Takes its arrays from an arena. */

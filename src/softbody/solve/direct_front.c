@@ -384,13 +384,59 @@ SBI_API void sbi_front_forward_many(const sb_real *panel, size_t height, size_t 
     }
 }
 
-SBI_API void sbi_front_add_products(const sb_real *a, const sb_real *b, int depth, sb_real *to, size_t stride)
+/* Packs columns of a column-major matrix in strips of a tile's width, filled up with zeros. */
+static void sbi_front_pack_columns(const sb_real *from, size_t stride, int rows, int columns, sb_real *to)
 {
+    for (int j = 0; j < columns; j += SBI_FRONT_TILE)
+        for (int r = 0; r < rows; r++)
+            for (int c = 0; c < SBI_FRONT_TILE; c++)
+                *to++ = j + c < columns ? from[(size_t)(j + c) * stride + (size_t)r] : 0;
+}
+
+/* Own columns first..first + depth of all groups less what rows row..row + height of the front, which are known, do to
+ * them: from l. */
+static void sbi_front_reduce_columns(const sb_real *l, size_t height, const int *known, int rows, int depth, sb_real *x,
+                                     size_t stride, int first, int count, sb_real *pack)
+{
+    sb_real *gathered = pack + SBI_FRONT_COLUMNS * SBI_FRONT_SOLVED;
     sb_real tile[(int)SBI_FRONT_TILE * (int)SBI_FRONT_GROUP];
-    for (int j = 0; j < SBI_FRONT_GROUP; j += SBI_FRONT_TILE) {
-        sbi_front_tile(a, b + j, SBI_FRONT_GROUP, depth, tile);
-        for (int c = 0; c < SBI_FRONT_TILE; c++)
-            for (int i = 0; i < SBI_FRONT_GROUP; i++)
-                to[(size_t)(j + c) * stride + (size_t)i] += tile[c * SBI_FRONT_GROUP + i];
+    sbi_front_pack_columns(l, height, rows, depth, pack);
+    for (int g = 0; g < count; g++) {
+        sb_real *group = x + (size_t)g * stride * SBI_FRONT_GROUP;
+        sb_real *to = group + (size_t)first * SBI_FRONT_GROUP;
+        for (int r = 0; r < rows; r++) {
+            const sb_real *from = group + (size_t)known[r] * SBI_FRONT_GROUP;
+            SBI_PREFETCH(from, stride * SBI_FRONT_GROUP * sizeof *x); /* the next group's */
+            memcpy(gathered + (size_t)r * SBI_FRONT_GROUP, from, SBI_FRONT_GROUP * sizeof *x);
+        }
+        for (int c = 0; c < depth; c += SBI_FRONT_TILE, to += (int)SBI_FRONT_TILE * (int)SBI_FRONT_GROUP) {
+            int values = sbi_min_int(SBI_FRONT_TILE, depth - c) * SBI_FRONT_GROUP;
+            sbi_front_tile(gathered, pack + c * rows, SBI_FRONT_TILE, rows, tile);
+            for (int i = 0; i < values; i++)
+                to[i] -= tile[i];
+        }
+    }
+}
+
+SBI_API void sbi_front_backward_many(const sb_real *panel, size_t height, size_t width, const int *rows, sb_real *x,
+                                     size_t stride, int count, sb_real *pack)
+{
+    for (size_t end = width; end > 0;) {
+        size_t depth = end < SBI_FRONT_SOLVED ? end : (size_t)SBI_FRONT_SOLVED, first = end - depth;
+        const sb_real *columns = panel + first * height;
+        for (size_t row = end; row < height; row += SBI_FRONT_COLUMNS) {
+            int have = (int)(height - row < SBI_FRONT_COLUMNS ? height - row : (size_t)SBI_FRONT_COLUMNS);
+            sbi_front_reduce_columns(columns + row, height, rows + row, have, (int)depth, x, stride, rows[first], count,
+                                     pack);
+        }
+        for (int g = 0; g < count; g++)
+            for (size_t k = depth; k > 0;) {
+                sb_real *at;
+                k -= 3;
+                at = x + ((size_t)g * stride + (size_t)rows[first] + k) * SBI_FRONT_GROUP;
+                sbi_front_backward_group(columns + k * height + first + k, height, depth - k, at);
+                sbi_front_solve_head_transposed(columns + k * height + first + k, height, at, SBI_FRONT_GROUP);
+            }
+        end = first;
     }
 }

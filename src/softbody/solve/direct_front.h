@@ -47,7 +47,9 @@ SBI_API void sbi_front_backward(const sb_real *panel, size_t height, size_t widt
  * many groups much less than one by one; sums are in another order than theirs. */
 SBI_API void sbi_front_forward_many(const sb_real *panel, size_t height, size_t width, sb_real *x, int count,
                                     sb_real *pack);
-/* to[j][i] += sum of a[k][i] b[k][j], k < depth, of groups a and b; rows of `to` are `stride` apart. */
-SBI_API void sbi_front_add_products(const sb_real *a, const sb_real *b, int depth, sb_real *to, size_t stride);
+/* Backward substitution of a front's columns for `count` groups at once: x[count][stride][SBI_FRONT_GROUP],
+ * rows[height] where the front's are there, its own side by side. */
+SBI_API void sbi_front_backward_many(const sb_real *panel, size_t height, size_t width, const int *rows, sb_real *x,
+                                     size_t stride, int count, sb_real *pack);
 
 #endif /* SB_DIRECT_FRONT_H */
