@@ -10688,13 +10688,13 @@ static void regi_block_tile(const regi_block *b, int i, int j, double *tile)
 /* The sums of i, j on that do not fill a tile. */
 static void regi_block_rest(const regi_block *b, int i, int width, int j, int rows, double *tile)
 {
-    for (int r = 0; r < rows; r++)
-        for (int c = 0; c < width; c++) {
-            double sum = 0;
-            for (int k = 0; k < b->depth; k++)
-                sum += b->left[(size_t)k * b->left_stride + (size_t)(i + c)] *
-                       b->right[(size_t)k * b->right_step + (size_t)(j + r) * b->right_stride];
-            tile[r * REGI_BLOCK_WIDTH + c] = sum;
+    memset(tile, 0, REGI_BLOCK_ROWS * REGI_BLOCK_WIDTH * sizeof *tile);
+    for (int k = 0; k < b->depth; k++)
+        for (int r = 0; r < rows; r++) {
+            double right = b->right[(size_t)k * b->right_step + (size_t)(j + r) * b->right_stride];
+            const double *left = b->left + (size_t)k * b->left_stride + i;
+            for (int c = 0; c < width; c++)
+                tile[r * REGI_BLOCK_WIDTH + c] += left[c] * right;
         }
 }
 
@@ -10767,7 +10767,8 @@ REGI_API void regi_block_backward(const double *u, int n, size_t stride, double 
 enum {
     REGI_GAUSS_POSES = 7, /* most columns of R, */
     REGI_GAUSS_EXACT = 6, /* rows of B, */
-    REGI_GAUSS_RANK = 96  /* and directions of the data that the evidence is found in */
+    REGI_GAUSS_RANK = 96, /* and directions of the data that the evidence is found in */
+    REGI_GAUSS_WIDTH = REGI_GAUSS_POSES + REGI_GAUSS_RANK + 1
 };
 
 typedef struct regi_gauss {
@@ -10790,6 +10791,8 @@ typedef struct regi_gauss {
     double *diagonal;       /* [RANK] and neighbours, [RANK - 1], of low Sigma^-1 low^T made tridiagonal, */
     double *beside, *along; /* and low Sigma^-1 gap [RANK] turned along with it */
     double *scratch;        /* [most + 2 RANK] */
+    double *weighted;       /* [most][WIDTH] of data: pose, low and gap over their deviations, */
+    double *products;       /* [WIDTH][WIDTH] and products of these columns */
     double rigid_misfit;    /* gap^T Sigma^-1 gap, Sigma = R R^T + diag(variance) */
     double rigid_volume;    /* log |Sigma| */
     void *memory;
@@ -10872,6 +10875,8 @@ static void regi_gauss_layout(regi_gauss *g, sbi_arena *arena)
     g->beside = (double *)sbi_arena_take(arena, rank, real);
     g->along = (double *)sbi_arena_take(arena, rank, real);
     g->scratch = (double *)sbi_arena_take(arena, m + 2 * rank, real);
+    g->weighted = (double *)sbi_arena_take(arena, m, REGI_GAUSS_WIDTH * real);
+    g->products = (double *)sbi_arena_take(arena, REGI_GAUSS_WIDTH, REGI_GAUSS_WIDTH * real);
 }
 
 REGI_API sb_result regi_gauss_create(int most, int most_loads, const sb_allocator *allocator, regi_gauss *gauss,
@@ -11115,7 +11120,7 @@ REGI_API void regi_gauss_reduce(regi_gauss *g)
         first = left[i] > first ? left[i] : first;
     }
     for (g->rank = 0; g->rank < REGI_GAUSS_RANK && g->rank < g->count; g->rank++) {
-        double *row = g->low + (size_t)g->rank * m;
+        double *row = g->low + (size_t)g->rank * m, scale;
         int at = 0;
         for (int i = 1; i < g->count; i++)
             at = left[i] > left[at] ? i : at;
@@ -11125,10 +11130,10 @@ REGI_API void regi_gauss_reduce(regi_gauss *g)
             row[i] = i < at ? g->gram[(size_t)i * m + (size_t)at] : g->gram[(size_t)at * m + (size_t)i];
         for (int k = 0; k < g->rank; k++)
             regi_gauss_add(row, -g->low[(size_t)k * m + (size_t)at], g->low + (size_t)k * m, g->count);
-        for (int i = 0, n = g->count; i < n; i++) {
-            row[i] /= sqrt(left[at]);
-            if (i != at)
-                left[i] -= row[i] * row[i];
+        scale = 1 / sqrt(left[at]);
+        for (int i = 0; i < g->count; i++) {
+            row[i] *= scale;
+            left[i] -= row[i] * row[i];
         }
         left[at] = 0;
     }
@@ -11145,67 +11150,57 @@ static double regi_gauss_floor(const regi_gauss *g)
     return least > 0 ? 1e-6 * least : 1e-300;
 }
 
-/* weighted[i] = row[i] / variance[i] */
-static void regi_gauss_weigh(const regi_gauss *g, double floor, const double *row, double *weighted)
-{
-    for (int i = 0; i < g->count; i++)
-        weighted[i] = row[i] / (g->variance[i] > floor ? g->variance[i] : floor);
-}
-
-/* What the pose takes of an inner product in D^-1, D = diag(variance): Sigma^-1 = D^-1 - D^-1 R K^-1 R^T D^-1 with
- * K = I + R^T D^-1 R = U^T U. parts holds U^-T R^T D^-1 x for each x. */
-typedef struct regi_gauss_pose {
-    double u[REGI_GAUSS_POSES * REGI_GAUSS_POSES];
-    double log_det;
-} regi_gauss_pose;
-
-static int regi_gauss_weigh_pose(const regi_gauss *g, double floor, regi_gauss_pose *pose)
+/* weighted: a row of each datum over its deviation, of the pose's columns, of low, and of the gap. Returns
+ * log |diag(variance)|. */
+static double regi_gauss_weigh(regi_gauss *g)
 {
     size_t m = (size_t)g->most;
-    pose->log_det = 0;
-    for (int k = 0; k < g->poses; k++) {
-        regi_gauss_weigh(g, floor, g->pose + (size_t)k * m, g->scratch);
-        for (int l = k; l < g->poses; l++)
-            pose->u[k * REGI_GAUSS_POSES + l] =
-                (k == l) + regi_gauss_dot(g->scratch, g->pose + (size_t)l * m, g->count);
+    double floor = regi_gauss_floor(g), volume = 0;
+    for (int i = 0; i < g->count; i++) {
+        double variance = g->variance[i] > floor ? g->variance[i] : floor, sure = 1 / sqrt(variance);
+        double *to = g->weighted + (size_t)i * REGI_GAUSS_WIDTH;
+        for (int k = 0; k < g->poses; k++)
+            *to++ = sure * g->pose[(size_t)k * m + (size_t)i];
+        for (int a = 0; a < g->rank; a++)
+            *to++ = sure * g->low[(size_t)a * m + (size_t)i];
+        *to = sure * g->gap[i];
+        volume += sbi_dense_log(variance);
     }
-    if (!regi_gauss_cholesky(pose->u, g->poses, REGI_GAUSS_POSES))
-        return 0;
-    for (int k = 0; k < g->poses; k++)
-        pose->log_det += 2 * sbi_dense_log(pose->u[k * REGI_GAUSS_POSES + k]);
-    return 1;
+    return volume;
 }
 
-/* part[poses] = U^-T R^T weighted */
-static void regi_gauss_pose_part(const regi_gauss *g, const regi_gauss_pose *pose, const double *weighted, double *part)
+/* products, upper triangle: those of weighted's columns, with Sigma^-1 between them once the pose's are eliminated:
+ * Sigma^-1 = D^-1 - D^-1 R (I + R^T D^-1 R)^-1 R^T D^-1, D = diag(variance). *volume: log |I + R^T D^-1 R|. 0: they are
+ * not finite. */
+static int regi_gauss_free_of_pose(regi_gauss *g, double *volume)
 {
-    for (int k = 0; k < g->poses; k++)
-        part[k] = regi_gauss_dot(g->pose + (size_t)k * (size_t)g->most, weighted, g->count);
-    regi_gauss_forward(pose->u, g->poses, REGI_GAUSS_POSES, part);
+    int n = g->poses + g->rank + 1;
+    memset(g->products, 0, (size_t)n * REGI_GAUSS_WIDTH * sizeof(double));
+    regi_gauss_add_squares(g->products, n, g->weighted, g->count, REGI_GAUSS_WIDTH);
+    *volume = 0;
+    for (int k = 0; k < g->poses; k++) {
+        double *row = g->products + (size_t)k * REGI_GAUSS_WIDTH, pivot = 1 + row[k];
+        if (!(pivot > 0))
+            return 0;
+        *volume += sbi_dense_log(pivot);
+        for (int i = k + 1; i < n; i++)
+            regi_gauss_add(g->products + (size_t)i * REGI_GAUSS_WIDTH + i, -row[i] / pivot, row + i, n - i);
+    }
+    return 1;
 }
 
 REGI_API int regi_gauss_spectrum(regi_gauss *g)
 {
-    size_t m = (size_t)g->most;
-    double floor = regi_gauss_floor(g), gap_part[REGI_GAUSS_POSES];
-    double parts[REGI_GAUSS_RANK][REGI_GAUSS_POSES];
-    regi_gauss_pose pose;
-    if (!regi_gauss_weigh_pose(g, floor, &pose))
+    const double *free_of_pose = g->products + (size_t)g->poses * REGI_GAUSS_WIDTH + g->poses;
+    double variances = regi_gauss_weigh(g), volume;
+    if (!regi_gauss_free_of_pose(g, &volume))
         return 0;
-    regi_gauss_weigh(g, floor, g->gap, g->scratch);
-    regi_gauss_pose_part(g, &pose, g->scratch, gap_part);
-    g->rigid_misfit = regi_gauss_dot(g->scratch, g->gap, g->count) - regi_gauss_dot(gap_part, gap_part, g->poses);
-    g->rigid_volume = pose.log_det;
-    for (int i = 0; i < g->count; i++)
-        g->rigid_volume += sbi_dense_log(g->variance[i] > floor ? g->variance[i] : floor);
+    g->rigid_misfit = free_of_pose[(size_t)g->rank * REGI_GAUSS_WIDTH + (size_t)g->rank];
+    g->rigid_volume = variances + volume;
     for (int a = 0; a < g->rank; a++) {
-        regi_gauss_weigh(g, floor, g->low + (size_t)a * m, g->scratch);
-        regi_gauss_pose_part(g, &pose, g->scratch, parts[a]);
-        g->along[a] = regi_gauss_dot(g->scratch, g->gap, g->count) - regi_gauss_dot(parts[a], gap_part, g->poses);
+        g->along[a] = free_of_pose[(size_t)a * REGI_GAUSS_WIDTH + (size_t)g->rank];
         for (int b = 0; b <= a; b++)
-            g->small[(size_t)a * (size_t)g->rank + (size_t)b] =
-                regi_gauss_dot(g->scratch, g->low + (size_t)b * m, g->count) -
-                regi_gauss_dot(parts[a], parts[b], g->poses);
+            g->small[(size_t)a * (size_t)g->rank + (size_t)b] = free_of_pose[(size_t)b * REGI_GAUSS_WIDTH + (size_t)a];
     }
     if (g->rank > 0) {
         sbi_symmetric_tridiagonalise(g->small, g->rank, g->diagonal, g->beside, g->scratch, g->scratch + g->rank);
@@ -12481,14 +12476,11 @@ static void regi_infer_fill_weight(reg_infer *f, double gravity)
                 gravity * f->model->prior.area * f->raw[(size_t)(first + axis) * m + (size_t)i];
 }
 
-/* The columns of a choice; loads without resultants. */
-REGI_API int regi_infer_set_prior(reg_infer *f, const regi_infer_choice *choice)
+/* Columns of tractions are there: the weight's of a choice, loads without resultants, gram and variances. */
+static void regi_infer_bind_prior(reg_infer *f, const regi_infer_choice *choice)
 {
     regi_gauss *g = &f->gauss;
-    if (!regi_prior_root(&f->model->prior, REGI_INFER_LENGTH, choice->is_local ? f->local : NULL, f->root))
-        return 0;
     g->loads = f->loads;
-    regi_infer_fill_tractions(f);
     regi_infer_fill_weight(f, choice->gravity);
     for (int e = 0; e < g->exact; e++)
         for (int b = 0; b < g->loads; b++)
@@ -12498,6 +12490,15 @@ REGI_API int regi_infer_set_prior(reg_infer *f, const regi_infer_choice *choice)
     regi_gauss_multiply(g);
     regi_infer_set_misfit(f, choice->misfit);
     g->scale = choice->scale;
+}
+
+/* The columns of a choice; loads without resultants. */
+REGI_API int regi_infer_set_prior(reg_infer *f, const regi_infer_choice *choice)
+{
+    if (!regi_prior_root(&f->model->prior, REGI_INFER_LENGTH, choice->is_local ? f->local : NULL, f->root))
+        return 0;
+    regi_infer_fill_tractions(f);
+    regi_infer_bind_prior(f, choice);
     return 1;
 }
 
@@ -12518,7 +12519,7 @@ REGI_API void regi_infer_unfold(const reg_infer *f, const double *loads, sb_vec3
 
 /* ---- evidence on the grid ---- */
 
-/* extended: the gram of tractions, resultants included. */
+/* Columns of tractions that are alike everywhere; extended: their gram, resultants included. */
 static int regi_infer_extend(reg_infer *f)
 {
     regi_gauss *g = &f->gauss;
@@ -12550,11 +12551,13 @@ static void regi_infer_weigh_gram(reg_infer *f, double gravity)
                 g->gram[(size_t)i * m + (size_t)j] += w[i] * w[j];
     }
     for (int e = rows - 1; e >= g->count; e--) {
-        double pivot = g->gram[(size_t)e * m + (size_t)e];
+        double pivot = g->gram[(size_t)e * m + (size_t)e], *column = g->scratch;
+        for (int i = 0; i < e; i++)
+            column[i] = g->gram[(size_t)i * m + (size_t)e];
         for (int i = 0; i < e && pivot > 0; i++) {
-            double share = g->gram[(size_t)i * m + (size_t)e] / pivot;
+            double share = column[i] / pivot, *row = g->gram + (size_t)i * m;
             for (int j = i; j < e; j++)
-                g->gram[(size_t)i * m + (size_t)j] -= share * g->gram[(size_t)j * m + (size_t)e];
+                row[j] -= share * column[j];
         }
     }
 }
@@ -12593,7 +12596,7 @@ static int regi_infer_search_misfit(reg_infer *f, regi_infer_choice *best)
     return 1;
 }
 
-/* Weight and misfit: the misfit without a weight, then the weight. */
+/* Weight and misfit: the misfit without a weight, then the weight; with one, the misfit is looked for again. */
 static int regi_infer_search(reg_infer *f, regi_infer_choice *best)
 {
     static const double gravities[REGI_INFER_GRAVITIES] = {0, 1, 10, 100};
@@ -12611,7 +12614,11 @@ static int regi_infer_search(reg_infer *f, regi_infer_choice *best)
         if (k == 0 || trial.evidence > best->evidence)
             *best = trial;
     }
-    return 1;
+    regi_infer_bind_prior(f, best);
+    if (!(best->gravity > 0))
+        return 1;
+    regi_gauss_reduce(&f->gauss);
+    return regi_infer_search_misfit(f, best);
 }
 
 /* ---- local scale ---- */
@@ -12739,10 +12746,7 @@ static double regi_infer_find_temper(const reg_infer *f)
 
 REGI_API int regi_infer_choose(reg_infer *f)
 {
-    if (!regi_infer_search(f, &f->choice) || !regi_infer_set_prior(f, &f->choice))
-        return 0;
-    regi_gauss_reduce(&f->gauss);
-    if (!regi_infer_search_misfit(f, &f->choice))
+    if (!regi_infer_search(f, &f->choice))
         return 0;
     regi_infer_set_misfit(f, f->choice.misfit);
     f->gauss.scale = f->choice.scale;

@@ -58,13 +58,13 @@ static void regi_block_tile(const regi_block *b, int i, int j, double *tile)
 /* The sums of i, j on that do not fill a tile. */
 static void regi_block_rest(const regi_block *b, int i, int width, int j, int rows, double *tile)
 {
-    for (int r = 0; r < rows; r++)
-        for (int c = 0; c < width; c++) {
-            double sum = 0;
-            for (int k = 0; k < b->depth; k++)
-                sum += b->left[(size_t)k * b->left_stride + (size_t)(i + c)] *
-                       b->right[(size_t)k * b->right_step + (size_t)(j + r) * b->right_stride];
-            tile[r * REGI_BLOCK_WIDTH + c] = sum;
+    memset(tile, 0, REGI_BLOCK_ROWS * REGI_BLOCK_WIDTH * sizeof *tile);
+    for (int k = 0; k < b->depth; k++)
+        for (int r = 0; r < rows; r++) {
+            double right = b->right[(size_t)k * b->right_step + (size_t)(j + r) * b->right_stride];
+            const double *left = b->left + (size_t)k * b->left_stride + i;
+            for (int c = 0; c < width; c++)
+                tile[r * REGI_BLOCK_WIDTH + c] += left[c] * right;
         }
 }
 

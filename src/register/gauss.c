@@ -26,6 +26,8 @@ static void regi_gauss_layout(regi_gauss *g, sbi_arena *arena)
     g->beside = (double *)sbi_arena_take(arena, rank, real);
     g->along = (double *)sbi_arena_take(arena, rank, real);
     g->scratch = (double *)sbi_arena_take(arena, m + 2 * rank, real);
+    g->weighted = (double *)sbi_arena_take(arena, m, REGI_GAUSS_WIDTH * real);
+    g->products = (double *)sbi_arena_take(arena, REGI_GAUSS_WIDTH, REGI_GAUSS_WIDTH * real);
 }
 
 REGI_API sb_result regi_gauss_create(int most, int most_loads, const sb_allocator *allocator, regi_gauss *gauss,
@@ -269,7 +271,7 @@ REGI_API void regi_gauss_reduce(regi_gauss *g)
         first = left[i] > first ? left[i] : first;
     }
     for (g->rank = 0; g->rank < REGI_GAUSS_RANK && g->rank < g->count; g->rank++) {
-        double *row = g->low + (size_t)g->rank * m;
+        double *row = g->low + (size_t)g->rank * m, scale;
         int at = 0;
         for (int i = 1; i < g->count; i++)
             at = left[i] > left[at] ? i : at;
@@ -279,10 +281,10 @@ REGI_API void regi_gauss_reduce(regi_gauss *g)
             row[i] = i < at ? g->gram[(size_t)i * m + (size_t)at] : g->gram[(size_t)at * m + (size_t)i];
         for (int k = 0; k < g->rank; k++)
             regi_gauss_add(row, -g->low[(size_t)k * m + (size_t)at], g->low + (size_t)k * m, g->count);
-        for (int i = 0, n = g->count; i < n; i++) {
-            row[i] /= sqrt(left[at]);
-            if (i != at)
-                left[i] -= row[i] * row[i];
+        scale = 1 / sqrt(left[at]);
+        for (int i = 0; i < g->count; i++) {
+            row[i] *= scale;
+            left[i] -= row[i] * row[i];
         }
         left[at] = 0;
     }
@@ -299,67 +301,57 @@ static double regi_gauss_floor(const regi_gauss *g)
     return least > 0 ? 1e-6 * least : 1e-300;
 }
 
-/* weighted[i] = row[i] / variance[i] */
-static void regi_gauss_weigh(const regi_gauss *g, double floor, const double *row, double *weighted)
-{
-    for (int i = 0; i < g->count; i++)
-        weighted[i] = row[i] / (g->variance[i] > floor ? g->variance[i] : floor);
-}
-
-/* What the pose takes of an inner product in D^-1, D = diag(variance): Sigma^-1 = D^-1 - D^-1 R K^-1 R^T D^-1 with
- * K = I + R^T D^-1 R = U^T U. parts holds U^-T R^T D^-1 x for each x. */
-typedef struct regi_gauss_pose {
-    double u[REGI_GAUSS_POSES * REGI_GAUSS_POSES];
-    double log_det;
-} regi_gauss_pose;
-
-static int regi_gauss_weigh_pose(const regi_gauss *g, double floor, regi_gauss_pose *pose)
+/* weighted: a row of each datum over its deviation, of the pose's columns, of low, and of the gap. Returns
+ * log |diag(variance)|. */
+static double regi_gauss_weigh(regi_gauss *g)
 {
     size_t m = (size_t)g->most;
-    pose->log_det = 0;
-    for (int k = 0; k < g->poses; k++) {
-        regi_gauss_weigh(g, floor, g->pose + (size_t)k * m, g->scratch);
-        for (int l = k; l < g->poses; l++)
-            pose->u[k * REGI_GAUSS_POSES + l] =
-                (k == l) + regi_gauss_dot(g->scratch, g->pose + (size_t)l * m, g->count);
+    double floor = regi_gauss_floor(g), volume = 0;
+    for (int i = 0; i < g->count; i++) {
+        double variance = g->variance[i] > floor ? g->variance[i] : floor, sure = 1 / sqrt(variance);
+        double *to = g->weighted + (size_t)i * REGI_GAUSS_WIDTH;
+        for (int k = 0; k < g->poses; k++)
+            *to++ = sure * g->pose[(size_t)k * m + (size_t)i];
+        for (int a = 0; a < g->rank; a++)
+            *to++ = sure * g->low[(size_t)a * m + (size_t)i];
+        *to = sure * g->gap[i];
+        volume += sbi_dense_log(variance);
     }
-    if (!regi_gauss_cholesky(pose->u, g->poses, REGI_GAUSS_POSES))
-        return 0;
-    for (int k = 0; k < g->poses; k++)
-        pose->log_det += 2 * sbi_dense_log(pose->u[k * REGI_GAUSS_POSES + k]);
-    return 1;
+    return volume;
 }
 
-/* part[poses] = U^-T R^T weighted */
-static void regi_gauss_pose_part(const regi_gauss *g, const regi_gauss_pose *pose, const double *weighted, double *part)
+/* products, upper triangle: those of weighted's columns, with Sigma^-1 between them once the pose's are eliminated:
+ * Sigma^-1 = D^-1 - D^-1 R (I + R^T D^-1 R)^-1 R^T D^-1, D = diag(variance). *volume: log |I + R^T D^-1 R|. 0: they are
+ * not finite. */
+static int regi_gauss_free_of_pose(regi_gauss *g, double *volume)
 {
-    for (int k = 0; k < g->poses; k++)
-        part[k] = regi_gauss_dot(g->pose + (size_t)k * (size_t)g->most, weighted, g->count);
-    regi_gauss_forward(pose->u, g->poses, REGI_GAUSS_POSES, part);
+    int n = g->poses + g->rank + 1;
+    memset(g->products, 0, (size_t)n * REGI_GAUSS_WIDTH * sizeof(double));
+    regi_gauss_add_squares(g->products, n, g->weighted, g->count, REGI_GAUSS_WIDTH);
+    *volume = 0;
+    for (int k = 0; k < g->poses; k++) {
+        double *row = g->products + (size_t)k * REGI_GAUSS_WIDTH, pivot = 1 + row[k];
+        if (!(pivot > 0))
+            return 0;
+        *volume += sbi_dense_log(pivot);
+        for (int i = k + 1; i < n; i++)
+            regi_gauss_add(g->products + (size_t)i * REGI_GAUSS_WIDTH + i, -row[i] / pivot, row + i, n - i);
+    }
+    return 1;
 }
 
 REGI_API int regi_gauss_spectrum(regi_gauss *g)
 {
-    size_t m = (size_t)g->most;
-    double floor = regi_gauss_floor(g), gap_part[REGI_GAUSS_POSES];
-    double parts[REGI_GAUSS_RANK][REGI_GAUSS_POSES];
-    regi_gauss_pose pose;
-    if (!regi_gauss_weigh_pose(g, floor, &pose))
+    const double *free_of_pose = g->products + (size_t)g->poses * REGI_GAUSS_WIDTH + g->poses;
+    double variances = regi_gauss_weigh(g), volume;
+    if (!regi_gauss_free_of_pose(g, &volume))
         return 0;
-    regi_gauss_weigh(g, floor, g->gap, g->scratch);
-    regi_gauss_pose_part(g, &pose, g->scratch, gap_part);
-    g->rigid_misfit = regi_gauss_dot(g->scratch, g->gap, g->count) - regi_gauss_dot(gap_part, gap_part, g->poses);
-    g->rigid_volume = pose.log_det;
-    for (int i = 0; i < g->count; i++)
-        g->rigid_volume += sbi_dense_log(g->variance[i] > floor ? g->variance[i] : floor);
+    g->rigid_misfit = free_of_pose[(size_t)g->rank * REGI_GAUSS_WIDTH + (size_t)g->rank];
+    g->rigid_volume = variances + volume;
     for (int a = 0; a < g->rank; a++) {
-        regi_gauss_weigh(g, floor, g->low + (size_t)a * m, g->scratch);
-        regi_gauss_pose_part(g, &pose, g->scratch, parts[a]);
-        g->along[a] = regi_gauss_dot(g->scratch, g->gap, g->count) - regi_gauss_dot(parts[a], gap_part, g->poses);
+        g->along[a] = free_of_pose[(size_t)a * REGI_GAUSS_WIDTH + (size_t)g->rank];
         for (int b = 0; b <= a; b++)
-            g->small[(size_t)a * (size_t)g->rank + (size_t)b] =
-                regi_gauss_dot(g->scratch, g->low + (size_t)b * m, g->count) -
-                regi_gauss_dot(parts[a], parts[b], g->poses);
+            g->small[(size_t)a * (size_t)g->rank + (size_t)b] = free_of_pose[(size_t)b * REGI_GAUSS_WIDTH + (size_t)a];
     }
     if (g->rank > 0) {
         sbi_symmetric_tridiagonalise(g->small, g->rank, g->diagonal, g->beside, g->scratch, g->scratch + g->rank);

@@ -13,7 +13,8 @@
 enum {
     REGI_GAUSS_POSES = 7, /* most columns of R, */
     REGI_GAUSS_EXACT = 6, /* rows of B, */
-    REGI_GAUSS_RANK = 96  /* and directions of the data that the evidence is found in */
+    REGI_GAUSS_RANK = 96, /* and directions of the data that the evidence is found in */
+    REGI_GAUSS_WIDTH = REGI_GAUSS_POSES + REGI_GAUSS_RANK + 1
 };
 
 typedef struct regi_gauss {
@@ -36,6 +37,8 @@ typedef struct regi_gauss {
     double *diagonal;       /* [RANK] and neighbours, [RANK - 1], of low Sigma^-1 low^T made tridiagonal, */
     double *beside, *along; /* and low Sigma^-1 gap [RANK] turned along with it */
     double *scratch;        /* [most + 2 RANK] */
+    double *weighted;       /* [most][WIDTH] of data: pose, low and gap over their deviations, */
+    double *products;       /* [WIDTH][WIDTH] and products of these columns */
     double rigid_misfit;    /* gap^T Sigma^-1 gap, Sigma = R R^T + diag(variance) */
     double rigid_volume;    /* log |Sigma| */
     void *memory;

@@ -48,14 +48,11 @@ static void regi_infer_fill_weight(reg_infer *f, double gravity)
                 gravity * f->model->prior.area * f->raw[(size_t)(first + axis) * m + (size_t)i];
 }
 
-/* The columns of a choice; loads without resultants. */
-REGI_API int regi_infer_set_prior(reg_infer *f, const regi_infer_choice *choice)
+/* Columns of tractions are there: the weight's of a choice, loads without resultants, gram and variances. */
+static void regi_infer_bind_prior(reg_infer *f, const regi_infer_choice *choice)
 {
     regi_gauss *g = &f->gauss;
-    if (!regi_prior_root(&f->model->prior, REGI_INFER_LENGTH, choice->is_local ? f->local : NULL, f->root))
-        return 0;
     g->loads = f->loads;
-    regi_infer_fill_tractions(f);
     regi_infer_fill_weight(f, choice->gravity);
     for (int e = 0; e < g->exact; e++)
         for (int b = 0; b < g->loads; b++)
@@ -65,6 +62,15 @@ REGI_API int regi_infer_set_prior(reg_infer *f, const regi_infer_choice *choice)
     regi_gauss_multiply(g);
     regi_infer_set_misfit(f, choice->misfit);
     g->scale = choice->scale;
+}
+
+/* The columns of a choice; loads without resultants. */
+REGI_API int regi_infer_set_prior(reg_infer *f, const regi_infer_choice *choice)
+{
+    if (!regi_prior_root(&f->model->prior, REGI_INFER_LENGTH, choice->is_local ? f->local : NULL, f->root))
+        return 0;
+    regi_infer_fill_tractions(f);
+    regi_infer_bind_prior(f, choice);
     return 1;
 }
 
@@ -85,7 +91,7 @@ REGI_API void regi_infer_unfold(const reg_infer *f, const double *loads, sb_vec3
 
 /* ---- evidence on the grid ---- */
 
-/* extended: the gram of tractions, resultants included. */
+/* Columns of tractions that are alike everywhere; extended: their gram, resultants included. */
 static int regi_infer_extend(reg_infer *f)
 {
     regi_gauss *g = &f->gauss;
@@ -117,11 +123,13 @@ static void regi_infer_weigh_gram(reg_infer *f, double gravity)
                 g->gram[(size_t)i * m + (size_t)j] += w[i] * w[j];
     }
     for (int e = rows - 1; e >= g->count; e--) {
-        double pivot = g->gram[(size_t)e * m + (size_t)e];
+        double pivot = g->gram[(size_t)e * m + (size_t)e], *column = g->scratch;
+        for (int i = 0; i < e; i++)
+            column[i] = g->gram[(size_t)i * m + (size_t)e];
         for (int i = 0; i < e && pivot > 0; i++) {
-            double share = g->gram[(size_t)i * m + (size_t)e] / pivot;
+            double share = column[i] / pivot, *row = g->gram + (size_t)i * m;
             for (int j = i; j < e; j++)
-                g->gram[(size_t)i * m + (size_t)j] -= share * g->gram[(size_t)j * m + (size_t)e];
+                row[j] -= share * column[j];
         }
     }
 }
@@ -160,7 +168,7 @@ static int regi_infer_search_misfit(reg_infer *f, regi_infer_choice *best)
     return 1;
 }
 
-/* Weight and misfit: the misfit without a weight, then the weight. */
+/* Weight and misfit: the misfit without a weight, then the weight; with one, the misfit is looked for again. */
 static int regi_infer_search(reg_infer *f, regi_infer_choice *best)
 {
     static const double gravities[REGI_INFER_GRAVITIES] = {0, 1, 10, 100};
@@ -178,7 +186,11 @@ static int regi_infer_search(reg_infer *f, regi_infer_choice *best)
         if (k == 0 || trial.evidence > best->evidence)
             *best = trial;
     }
-    return 1;
+    regi_infer_bind_prior(f, best);
+    if (!(best->gravity > 0))
+        return 1;
+    regi_gauss_reduce(&f->gauss);
+    return regi_infer_search_misfit(f, best);
 }
 
 /* ---- local scale ---- */
@@ -306,10 +318,7 @@ static double regi_infer_find_temper(const reg_infer *f)
 
 REGI_API int regi_infer_choose(reg_infer *f)
 {
-    if (!regi_infer_search(f, &f->choice) || !regi_infer_set_prior(f, &f->choice))
-        return 0;
-    regi_gauss_reduce(&f->gauss);
-    if (!regi_infer_search_misfit(f, &f->choice))
+    if (!regi_infer_search(f, &f->choice))
         return 0;
     regi_infer_set_misfit(f, f->choice.misfit);
     f->gauss.scale = f->choice.scale;

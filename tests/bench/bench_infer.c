@@ -5,10 +5,10 @@
  *     infer_liver1_tet4_held    the same, held where it is known not to move
  *     infer_liver2_tet4         the whole surface of liver2
  *
- * One line per workload, processor time, the least of RUNS runs:
- *     name n_dof all_ms | model start infer (ms) | response choice draws (ms of infer) rounds | mean_mm expected_mm checksum
- * all: the model, the rigid start and the inference. mean: error at the nodes whose truth is known. The checksum is the
- * sum of |u|. Needs the shared data; asserts nothing. */
+ * One line per workload, processor time (ms), the least of RUNS runs:
+ *     name n_dof all | model start infer | response choice draws rounds | mean_mm expected_mm checksum
+ * all: model, rigid start, inference; response, choice, draws: of the inference. mean: error at the nodes whose truth
+ * is known. The checksum is the sum of |u|. Needs the shared data; asserts nothing. */
 #define SB_IMPLEMENTATION
 #define REG_IMPLEMENTATION
 #include "register.h"
@@ -240,7 +240,7 @@ static void run(const char *liver, const char *type, const char *target, const c
 int main(int argc, char **argv)
 {
     int only = argc > 1 ? atoi(argv[1]) : 0;
-    printf("# name n_dof all_ms | model start infer | response choice draws rounds | mean_mm expected_mm checksum\n");
+    printf("# name n_dof all | model start infer | response choice draws rounds | mean_mm expected_mm checksum\n");
     if (only == 0 || only == 1)
         run("liver1", "tet4", "partial_deformed_surface_noisy.obj", "_noisy", 0);
     if (only == 0 || only == 2)

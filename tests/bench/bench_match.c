@@ -9,7 +9,8 @@
  * One line per workload:
  *     name n_dof settled_ms min_ms steps steps_per_s create_ms | error_steps error_ms moved_steps moved_ms |
  *     mean_mm max_mm | field system solve (ms per step) pcg | bytes checksum
- * Times are medians (min: the least) over 20 runs after one to warm up. error: from when on the largest error of a node
+ * With an argument, `match` or `nicp`, that method alone. Times are medians (min: the least) over 20 runs after one to
+ * warm up. error: from when on the largest error of a node
  * against the truth is within 0.1 mm of its final value; moved: from when on no node is more than 0.1 mm from its final
  * place. mean and max are the final errors at the nodes. The checksum is the sum of |u|. Asserts nothing. */
 #define SB_IMPLEMENTATION
@@ -375,6 +376,16 @@ static void run(const workload *w, const char *method, run_method *go)
     fflush(stdout);
 }
 
+static const char *only; /* method, or NULL: both */
+
+static void run_both(const workload *w)
+{
+    if (!only || strcmp(only, "match") == 0)
+        run(w, "match", run_match);
+    if (!only || strcmp(only, "nicp") == 0)
+        run(w, "nicp", run_nicp);
+}
+
 static void run_liver(const char *liver, const char *type, int part)
 {
     char name[64];
@@ -383,8 +394,7 @@ static void run_liver(const char *liver, const char *type, int part)
     if (!load_liver(&w, liver, type, part ? "partial_deformed_surface.obj" : "deformed_surface.obj"))
         return;
     w.name = name;
-    run(&w, "match", run_match);
-    run(&w, "nicp", run_nicp);
+    run_both(&w);
     free_workload(&w);
 }
 
@@ -394,15 +404,16 @@ static void run_organ(const char *name, sb_element_type type)
     if (!make_organ(&w, type))
         return;
     w.name = name;
-    run(&w, "match", run_match);
-    run(&w, "nicp", run_nicp);
+    run_both(&w);
     free_workload(&w);
 }
 
-int main(void)
+int main(int argc, char **argv)
 {
     workload probe;
-    int shared = load_liver(&probe, "liver1", "tet4", "deformed_surface.obj");
+    int shared;
+    only = argc > 1 ? argv[1] : NULL;
+    shared = load_liver(&probe, "liver1", "tet4", "deformed_surface.obj");
     if (shared)
         free_workload(&probe);
     printf("# name n_dof settled_ms min_ms steps steps_per_s create_ms | error_steps error_ms moved_steps moved_ms | "
