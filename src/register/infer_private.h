@@ -55,24 +55,25 @@ struct reg_infer {
     double *turned_root;     /* [c][c] its transpose, scratch */
     double *tile;            /* [most][REGI_BLOCK_WIDTH] scratch */
     double *extended;        /* [most][most] gram of responses to tractions with their resultants */
-    double *local, *trial_local;     /* [c] */
-    double *energy;                  /* [c + 6] */
-    double *c;                       /* [loads] found, in the gauss' units */
-    double *draw;                    /* [loads] */
-    double *datum;                   /* [most] scratch */
-    double *chances;                 /* [DRAWS][loads + REGI_GAUSS_POSES + most] */
-    sb_vec3 *tractions;              /* [c] scratch */
-    double *drift;                   /* [REGI_RESPONSE_MODES][most] forces that stop the drift of data's rows */
-    sb_vec3 *row;                    /* [REG_INFER_DRAWS][nodes] */
-    sb_vec3 *skin;                   /* [skin nodes] where they are (m) */
-    sb_vec3 *forces;                 /* [nodes] found (N) */
-    sb_vec3 *increment, *trial;      /* [nodes] */
-    sb_vec3 *shape;                  /* [nodes] displacements found (m) */
-    sb_vec3 *errors;                 /* [DRAWS][nodes] of draws (m), calibrated */
-    sb_real *expected;               /* [nodes] m */
-    sb_vec3 *cell_force;             /* [cells][nodes per cell] internal forces (N) */
-    sb_vec3 *poisson_force;          /* [nodes] what 0.02 of Poisson's ratio do to them (N) */
-    sb_real *region;                 /* [cells][REGIONS] shares */
+    double *local, *trial_local; /* [c] */
+    double *energy;              /* [c + 6] */
+    double *c;                   /* [loads] found, in the gauss' units */
+    double *draw;                /* [loads] */
+    double *datum;               /* [most] scratch */
+    double *chances;             /* [DRAWS][loads + REGI_GAUSS_POSES + most] */
+    sb_vec3 *tractions;          /* [c] scratch */
+    double *drift;               /* [REGI_RESPONSE_MODES][most] what modes as forces do to data, then forces that stop
+                                  * their drift */
+    sb_vec3 *row;                /* [REG_INFER_DRAWS][nodes] */
+    sb_vec3 *skin;               /* [skin nodes] where they are (m) */
+    sb_vec3 *forces;             /* [nodes] found (N) */
+    sb_vec3 *increment, *trial;  /* [nodes] */
+    sb_vec3 *shape;              /* [nodes] displacements found (m) */
+    sb_vec3 *errors;             /* [DRAWS][nodes] of draws (m), calibrated */
+    sb_real *expected;           /* [nodes] m */
+    sb_vec3 *cell_force;         /* [cells][nodes per cell] internal forces (N) */
+    sb_vec3 *poisson_force;      /* [nodes] what 0.02 of Poisson's ratio do to them (N) */
+    sb_real *region;             /* [cells][REGIONS] shares */
     double pose_sd[REGI_INFER_POSE]; /* m, rad */
     double pose[REGI_INFER_POSE];    /* reached: m, rad */
     double next[REGI_GAUSS_POSES];   /* found in this round; the offset last (m) */

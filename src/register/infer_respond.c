@@ -29,16 +29,26 @@ static void regi_infer_store(reg_infer *f, int at, const sb_vec3 *row)
         regi_infer_put(f, f->raw + 3 * (size_t)j * (size_t)f->gauss.most, at, j < c ? f->tractions[j] : weight);
 }
 
+/* Adds a datum's force at a node to the lefts, and what the modes, as forces, and the residual do to it. */
+static void regi_infer_add_force(reg_infer *f, int datum, int node, sb_vec3 force)
+{
+    size_t m = (size_t)f->gauss.most, n = (size_t)f->node_count;
+    sbi_between_add(f->between, datum, node, force);
+    for (size_t k = 0; k < REGI_RESPONSE_MODES; k++)
+        f->drift[k * m + (size_t)datum] += (double)sb_v3_dot(force, f->response.drift[k * n + (size_t)node]);
+    f->gauss.gap[datum] += (double)sb_v3_dot(force, f->response.recoil[node]);
+}
+
 /* Moves what the row has at the nodes of a mapping's point to a left. What is held takes no forces. */
 static void regi_infer_move_point(reg_infer *f, int datum, const sb_mapping *mapping, int point)
 {
     const unsigned char *held = sb_body_supports(f->model->body);
     for (int k = mapping->row_start[point]; k < mapping->row_start[point + 1]; k++) {
         int node = mapping->nodes[k];
-        sb_vec3 v = sbi_body_pick_axes(held[node], sb_v3(0, 0, 0), f->row[node]);
+        sb_vec3 force = sbi_body_pick_axes(held[node], sb_v3(0, 0, 0), f->row[node]);
         f->row[node] = sb_v3(0, 0, 0);
-        if (v.x != 0 || v.y != 0 || v.z != 0)
-            sbi_between_add(f->between, datum, node, v);
+        if (force.x != 0 || force.y != 0 || force.z != 0)
+            regi_infer_add_force(f, datum, node, force);
     }
 }
 
@@ -56,10 +66,12 @@ static void regi_infer_move_row(reg_infer *f, int datum)
                                   f->model->skin.elements[3 * (size_t)f->look.points[i].triangle + (size_t)k]);
 }
 
-/* The lefts: the data's rows; their gaps and what the pose does to them. */
+/* The lefts: the data's rows. Gaps that loads and pose have to close in all: those seen, and those that would open if
+ * the present loads and pose went; what the pose does to them. */
 static void regi_infer_add_data(reg_infer *f)
 {
     regi_gauss *g = &f->gauss;
+    memset(f->drift, 0, REGI_RESPONSE_MODES * (size_t)g->most * sizeof *f->drift);
     memset(f->row, 0, (size_t)f->node_count * sizeof *f->row);
     for (int s = 0; s < g->count; s++) {
         double pose[REGI_INFER_POSE];
@@ -82,7 +94,7 @@ static void regi_infer_stop_drift(reg_infer *f)
     for (int s = 0; s < f->gauss.count; s++) {
         double forces[REGI_RESPONSE_MODES];
         for (int k = 0; k < REGI_RESPONSE_MODES; k++)
-            forces[k] = regi_infer_measure(f, s, f->response.drift + (size_t)k * n);
+            forces[k] = f->drift[(size_t)k * m + (size_t)s];
         regi_gauss_substitute(f->response.drift_system, REGI_RESPONSE_MODES, REGI_RESPONSE_MODES, forces);
         for (int k = 0; k < REGI_RESPONSE_MODES; k++)
             f->drift[(size_t)k * m + (size_t)s] = forces[k];
@@ -102,26 +114,22 @@ static void regi_infer_stop_drift(reg_infer *f)
     }
 }
 
-/* Responses of all data, and the gaps that loads and pose have to close in all: those seen, and those that would open
- * if the present loads and pose went. */
+/* Responses of all data. */
 static void regi_infer_measure_data(reg_infer *f)
 {
     regi_gauss *g = &f->gauss;
-    size_t m = (size_t)g->most, n = (size_t)f->node_count;
+    size_t m = (size_t)g->most;
     const regi_prior *p = &f->model->prior;
     const sbi_between_rights tractions = {p->start, p->controls, p->shares}; /* unit ones of the control points */
-    double *weight = f->raw + 3 * (size_t)p->control_count * m;
     sbi_between_clear(f->between);
     regi_infer_add_data(f);
     (void)sbi_between_run(f->between, &tractions); /* the factor is there */
     for (int j = 0; j < p->control_count; j++)
         for (int s = 0; s < g->count; s++)
             regi_infer_put(f, f->raw + 3 * (size_t)j * m, s, sbi_between_get(f->between, s, j));
-    for (int s = 0; s < g->count; s++) {
-        for (size_t axis = 0; axis < REGI_INFER_WEIGHT; axis++) /* the first modes are the weight */
-            weight[axis * m + (size_t)s] = regi_infer_measure(f, s, f->response.drift + axis * n);
-        g->gap[s] += regi_infer_measure(f, s, f->response.recoil);
-    }
+    for (size_t axis = 0; axis < REGI_INFER_WEIGHT; axis++) /* the first modes are the weight */
+        memcpy(f->raw + (3 * (size_t)p->control_count + axis) * m, f->drift + axis * m,
+               (size_t)g->count * sizeof *f->raw);
     if (!f->model->held)
         regi_infer_stop_drift(f);
 }

@@ -221,24 +221,18 @@ SBI_API void sbi_front_square(const sb_real *panel, size_t height, size_t width,
 /* ---- substitution, three columns at a time: a front's are nodes' ---- */
 
 /* The 3x3 lower triangle at the columns' head: x <- L^-1 x, then x <- L^-T x. */
-static void sbi_front_solve_head(const sb_real *l, size_t height, sb_real *x, int group)
+static void sbi_front_solve_head_one(const sb_real *l, size_t height, sb_real *x)
 {
-    for (int g = 0; g < group; g++) {
-        sb_real *y = x + g;
-        y[0] = y[0] / l[0];
-        y[group] = (y[group] - l[1] * y[0]) / l[height + 1];
-        y[2 * group] = (y[2 * group] - l[2] * y[0] - l[height + 2] * y[group]) / l[2 * height + 2];
-    }
+    x[0] = x[0] / l[0];
+    x[1] = (x[1] - l[1] * x[0]) / l[height + 1];
+    x[2] = (x[2] - l[2] * x[0] - l[height + 2] * x[1]) / l[2 * height + 2];
 }
 
-static void sbi_front_solve_head_transposed(const sb_real *l, size_t height, sb_real *x, int group)
+static void sbi_front_solve_head_transposed_one(const sb_real *l, size_t height, sb_real *x)
 {
-    for (int g = 0; g < group; g++) {
-        sb_real *y = x + g;
-        y[2 * group] = y[2 * group] / l[2 * height + 2];
-        y[group] = (y[group] - l[height + 2] * y[2 * group]) / l[height + 1];
-        y[0] = (y[0] - l[1] * y[group] - l[2] * y[2 * group]) / l[0];
-    }
+    x[2] = x[2] / l[2 * height + 2];
+    x[1] = (x[1] - l[height + 2] * x[2]) / l[height + 1];
+    x[0] = (x[0] - l[1] * x[1] - l[2] * x[2]) / l[0];
 }
 
 static void sbi_front_forward_one(const sb_real *l, size_t height, size_t rows, sb_real *x)
@@ -262,6 +256,29 @@ static void sbi_front_backward_one(const sb_real *l, size_t height, size_t rows,
 }
 
 #if SBI_FRONT_BYTES
+static void sbi_front_solve_head(const sb_real *l, size_t height, sb_real *x)
+{
+    const size_t row = SBI_FRONT_GROUP;
+    for (size_t half = 0; half < row; half += SBI_FRONT_WIDTH, x += SBI_FRONT_WIDTH) {
+        sbi_front_lanes a = SBI_FRONT_AT(x) / l[0], b = (SBI_FRONT_AT(x + row) - a * l[1]) / l[height + 1];
+        SBI_FRONT_PUT(x, a);
+        SBI_FRONT_PUT(x + row, b);
+        SBI_FRONT_PUT(x + 2 * row, (SBI_FRONT_AT(x + 2 * row) - a * l[2] - b * l[height + 2]) / l[2 * height + 2]);
+    }
+}
+
+static void sbi_front_solve_head_transposed(const sb_real *l, size_t height, sb_real *x)
+{
+    const size_t row = SBI_FRONT_GROUP;
+    for (size_t half = 0; half < row; half += SBI_FRONT_WIDTH, x += SBI_FRONT_WIDTH) {
+        sbi_front_lanes c = SBI_FRONT_AT(x + 2 * row) / l[2 * height + 2];
+        sbi_front_lanes b = (SBI_FRONT_AT(x + row) - c * l[height + 2]) / l[height + 1];
+        SBI_FRONT_PUT(x + 2 * row, c);
+        SBI_FRONT_PUT(x + row, b);
+        SBI_FRONT_PUT(x, (SBI_FRONT_AT(x) - b * l[1] - c * l[2]) / l[0]);
+    }
+}
+
 static void sbi_front_forward_group(const sb_real *l, size_t height, size_t rows, sb_real *x)
 {
     const size_t second = SBI_FRONT_WIDTH, row = SBI_FRONT_GROUP;
@@ -295,6 +312,26 @@ static void sbi_front_backward_group(const sb_real *l, size_t height, size_t row
     SBI_FRONT_PUT(x + 2 * row + second, SBI_FRONT_AT(x + 2 * row + second) - t2);
 }
 #else
+static void sbi_front_solve_head(const sb_real *l, size_t height, sb_real *x)
+{
+    for (int g = 0; g < SBI_FRONT_GROUP; g++) {
+        sb_real *y = x + g, *z = y + SBI_FRONT_GROUP, *w = z + SBI_FRONT_GROUP;
+        *y = *y / l[0];
+        *z = (*z - l[1] * *y) / l[height + 1];
+        *w = (*w - l[2] * *y - l[height + 2] * *z) / l[2 * height + 2];
+    }
+}
+
+static void sbi_front_solve_head_transposed(const sb_real *l, size_t height, sb_real *x)
+{
+    for (int g = 0; g < SBI_FRONT_GROUP; g++) {
+        sb_real *y = x + g, *z = y + SBI_FRONT_GROUP, *w = z + SBI_FRONT_GROUP;
+        *w = *w / l[2 * height + 2];
+        *z = (*z - l[height + 2] * *w) / l[height + 1];
+        *y = (*y - l[1] * *z - l[2] * *w) / l[0];
+    }
+}
+
 static void sbi_front_forward_group(const sb_real *l, size_t height, size_t rows, sb_real *x)
 {
     for (size_t r = 3; r < rows; r++)
@@ -322,11 +359,13 @@ SBI_API void sbi_front_forward(const sb_real *panel, size_t height, size_t width
 {
     for (size_t k = 0; k < width; k += 3) {
         const sb_real *l = panel + k * height + k;
-        sbi_front_solve_head(l, height, x + k * (size_t)group, group);
-        if (group == 1)
+        if (group == 1) {
+            sbi_front_solve_head_one(l, height, x + k);
             sbi_front_forward_one(l, height, height - k, x + k);
-        else
+        } else {
+            sbi_front_solve_head(l, height, x + k * SBI_FRONT_GROUP);
             sbi_front_forward_group(l, height, height - k, x + k * SBI_FRONT_GROUP);
+        }
     }
 }
 
@@ -336,11 +375,13 @@ SBI_API void sbi_front_backward(const sb_real *panel, size_t height, size_t widt
         const sb_real *l;
         k -= 3;
         l = panel + k * height + k;
-        if (group == 1)
+        if (group == 1) {
             sbi_front_backward_one(l, height, height - k, x + k);
-        else
+            sbi_front_solve_head_transposed_one(l, height, x + k);
+        } else {
             sbi_front_backward_group(l, height, height - k, x + k * SBI_FRONT_GROUP);
-        sbi_front_solve_head_transposed(l, height, x + k * (size_t)group, group);
+            sbi_front_solve_head_transposed(l, height, x + k * SBI_FRONT_GROUP);
+        }
     }
 }
 
@@ -374,7 +415,7 @@ SBI_API void sbi_front_forward_many(const sb_real *panel, size_t height, size_t 
             for (size_t k = 0; k < depth; k += 3) {
                 const sb_real *l = panel + (first + k) * height + first + k;
                 sb_real *at = x + ((size_t)g * height + first + k) * SBI_FRONT_GROUP;
-                sbi_front_solve_head(l, height, at, SBI_FRONT_GROUP);
+                sbi_front_solve_head(l, height, at);
                 sbi_front_forward_group(l, height, depth - k, at);
             }
         for (size_t row = next; row < height; row += SBI_FRONT_COLUMNS) {
@@ -435,7 +476,7 @@ SBI_API void sbi_front_backward_many(const sb_real *panel, size_t height, size_t
                 k -= 3;
                 at = x + ((size_t)g * stride + (size_t)rows[first] + k) * SBI_FRONT_GROUP;
                 sbi_front_backward_group(columns + k * height + first + k, height, depth - k, at);
-                sbi_front_solve_head_transposed(columns + k * height + first + k, height, at, SBI_FRONT_GROUP);
+                sbi_front_solve_head_transposed(columns + k * height + first + k, height, at);
             }
         end = first;
     }
