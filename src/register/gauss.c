@@ -82,7 +82,7 @@ static void regi_gauss_add(double *SB_RESTRICT to, double factor, const double *
 /* Upper triangle of upper[n][stride] += factor * rows^T rows of rows[count][stride]. */
 static void regi_gauss_square(double *upper, int n, double factor, const double *rows, int count, size_t stride)
 {
-    enum { DEPTH = 128, SIDE = REGI_BLOCK_WIDTH }; /* rows that stay near */
+    enum { DEPTH = 64, SIDE = REGI_BLOCK_WIDTH }; /* rows that stay near */
     for (int k = 0; k < count; k += DEPTH)
         for (int i = 0; i < n; i += SIDE) {
             const double *at = rows + (size_t)k * stride + i;

@@ -163,7 +163,7 @@ static void regi_infer_layout(reg_infer *f, sbi_arena *arena)
     f->raw = (double *)sbi_arena_take(arena, loads, most * real);
     f->root = (double *)sbi_arena_take(arena, c, c * real);
     f->turned_root = (double *)sbi_arena_take(arena, c, c * real);
-    f->tile = (double *)sbi_arena_take(arena, most, REGI_BLOCK_WIDTH * real);
+    f->tile = (double *)sbi_arena_take(arena, most > c ? most : c, REGI_BLOCK_WIDTH * real);
     f->extended = (double *)sbi_arena_take(arena, most, most * real);
     f->local = (double *)sbi_arena_take(arena, c, real);
     f->trial_local = (double *)sbi_arena_take(arena, c, real);

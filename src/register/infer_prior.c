@@ -17,25 +17,48 @@ REGI_API void regi_infer_set_misfit(reg_infer *f, double misfit)
 
 /* ---- columns ---- */
 
+/* root of a local scale (NULL: alike everywhere), and turned_root. 0: there is none. */
+static int regi_infer_find_root(reg_infer *f, const double *local)
+{
+    int c = f->model->prior.control_count;
+    if (!regi_prior_root(&f->model->prior, REGI_INFER_LENGTH, local, f->root))
+        return 0;
+    for (int j = 0; j < c; j++)
+        for (int k = 0; k < c; k++)
+            f->turned_root[(size_t)k * (size_t)c + (size_t)j] = f->root[(size_t)j * (size_t)c + (size_t)k];
+    return 1;
+}
+
+/* columns of tractions along an axis for data first.. of a tile's width: what they respond to goes into a tile, which
+ * stays near while all columns are made of it. */
+static void regi_infer_fill_strip(reg_infer *f, int axis, int first, int width)
+{
+    int c = f->model->prior.control_count;
+    size_t m = (size_t)f->gauss.most;
+    for (int j = 0; j < c; j++)
+        memcpy(f->tile + (size_t)j * REGI_BLOCK_WIDTH, f->raw + (size_t)(3 * j + axis) * m + (size_t)first,
+               (size_t)width * sizeof *f->tile);
+    for (int k = 0; k < c; k += REGI_BLOCK_ROWS) {
+        int have = sbi_min_int(REGI_BLOCK_ROWS, c - k);
+        double *columns = f->gauss.columns + (size_t)(3 * k + axis) * m + (size_t)first;
+        regi_block block = {NULL, NULL, REGI_BLOCK_WIDTH, 1, 0, 0};
+        block.left = f->tile + (size_t)k * REGI_BLOCK_WIDTH; /* turned_root is 0 before its diagonal */
+        block.right = f->turned_root + (size_t)k * (size_t)c + (size_t)k;
+        block.right_stride = (size_t)c;
+        block.depth = c - k;
+        for (int r = 0; r < have; r++)
+            memset(columns + (size_t)r * 3 * m, 0, (size_t)width * sizeof *columns);
+        regi_block_add(&block, width, have, 1, columns, 3 * m);
+    }
+}
+
 /* columns of tractions for the root at hand, with the resultants below the data. */
 static void regi_infer_fill_tractions(reg_infer *f)
 {
-    int c = f->model->prior.control_count, rows = f->gauss.count + f->gauss.exact;
-    size_t m = (size_t)f->gauss.most;
-    for (int k = 0; k < c; k += REGI_BLOCK_ROWS)
-        for (int axis = 0; axis < 3; axis++) {
-            int have = sbi_min_int(REGI_BLOCK_ROWS, c - k);
-            double *columns = f->gauss.columns + (size_t)(3 * k + axis) * m;
-            regi_block block = {NULL, NULL, 0, 0, 1, 0}; /* root is 0 above the diagonal */
-            block.left = f->raw + (size_t)(3 * k + axis) * m;
-            block.left_stride = 3 * m;
-            block.right = f->root + (size_t)k * (size_t)c + (size_t)k;
-            block.right_step = (size_t)c;
-            block.depth = c - k;
-            for (int r = 0; r < have; r++)
-                memset(columns + (size_t)r * 3 * m, 0, (size_t)rows * sizeof *columns);
-            regi_block_add(&block, rows, have, 1, columns, 3 * m);
-        }
+    int rows = f->gauss.count + f->gauss.exact;
+    for (int axis = 0; axis < 3; axis++)
+        for (int i = 0; i < rows; i += REGI_BLOCK_WIDTH)
+            regi_infer_fill_strip(f, axis, i, sbi_min_int(REGI_BLOCK_WIDTH, rows - i));
 }
 
 static void regi_infer_fill_weight(reg_infer *f, double gravity)
@@ -67,7 +90,7 @@ static void regi_infer_bind_prior(reg_infer *f, const regi_infer_choice *choice)
 /* The columns of a choice; loads without resultants. */
 REGI_API int regi_infer_set_prior(reg_infer *f, const regi_infer_choice *choice)
 {
-    if (!regi_prior_root(&f->model->prior, REGI_INFER_LENGTH, choice->is_local ? f->local : NULL, f->root))
+    if (!regi_infer_find_root(f, choice->is_local ? f->local : NULL))
         return 0;
     regi_infer_fill_tractions(f);
     regi_infer_bind_prior(f, choice);
@@ -96,7 +119,7 @@ static int regi_infer_extend(reg_infer *f)
 {
     regi_gauss *g = &f->gauss;
     int count = g->count, rows = count + g->exact;
-    if (!regi_prior_root(&f->model->prior, REGI_INFER_LENGTH, NULL, f->root))
+    if (!regi_infer_find_root(f, NULL))
         return 0;
     regi_infer_fill_tractions(f);
     g->count = rows;
@@ -230,9 +253,6 @@ static void regi_infer_expect_energy(reg_infer *f)
     sb_vec3 weight;
     regi_gauss_explain(g, g->multiplier, f->c, f->next);
     regi_infer_unfold(f, f->c, f->tractions, &weight);
-    for (int j = 0; j < c; j++)
-        for (int k = 0; k < c; k++)
-            f->turned_root[(size_t)k * (size_t)c + (size_t)j] = f->root[(size_t)j * (size_t)c + (size_t)k];
     for (int j = 0; j < c; j++) {
         const double *root = f->root + (size_t)j * (size_t)c;
         double left = 0;

@@ -52,8 +52,8 @@ struct reg_infer {
     sb_real *mark_sd;        /* [landmark_count] m */
     double *raw;             /* [loads][gauss.most] responses of data, then resultants, to unit tractions and weight */
     double *root;            /* [c][c] of the present prior, lower triangle */
-    double *turned_root;     /* [c][c] its transpose, scratch */
-    double *tile;            /* [most][REGI_BLOCK_WIDTH] scratch */
+    double *turned_root;     /* [c][c] its transpose */
+    double *tile;            /* [most or c, the larger][REGI_BLOCK_WIDTH] scratch */
     double *extended;        /* [most][most] gram of responses to tractions with their resultants */
     double *local, *trial_local; /* [c] */
     double *energy;              /* [c + 6] */
