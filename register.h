@@ -2523,13 +2523,18 @@ REG_API int reg_cloud_spread(const sb_vec3 *points, int count, int wanted, int *
     for (int i = 0; i < count; i++)
         scratch[i] = SB_REAL_MAX;
     while (n < wanted && n < count) {
+        sb_real most = -1;
         int best = 0;
         for (int i = 0; i < count; i++) {
             sb_vec3 d = sb_v3_sub(points[i], last);
-            scratch[i] = sb_min(scratch[i], sb_v3_dot(d, d));
-            best = scratch[i] > scratch[best] ? i : best;
+            sb_real square = sb_min(scratch[i], sb_v3_dot(d, d));
+            scratch[i] = square;
+            if (square > most) {
+                most = square;
+                best = i;
+            }
         }
-        if (n > 0 && !(scratch[best] > 0))
+        if (n > 0 && !(most > 0))
             break;
         if (n == 0) /* the mean is no point: from now on distances are to chosen ones */
             for (int i = 0; i < count; i++)
@@ -11342,9 +11347,11 @@ static void regi_prior_spread(const regi_prior *p, const regi_prior_draft *draft
     int nodes = draft->skin->node_count, c = p->control_count;
     sb_real spacing = 0, reach;
     for (int i = 0; i < nodes; i++) {
-        sb_real nearest = SB_REAL_MAX;
-        for (int j = 0; j < c; j++)
-            nearest = sb_min(nearest, sb_v3_norm(sb_v3_sub(draft->skin->nodes[i], p->places[j])));
+        sb_real *row = draft->psi + (size_t)i * (size_t)c, nearest = SB_REAL_MAX;
+        for (int j = 0; j < c; j++) {
+            row[j] = sb_v3_norm(sb_v3_sub(draft->skin->nodes[i], p->places[j]));
+            nearest = sb_min(nearest, row[j]);
+        }
         spacing = sb_max(spacing, nearest);
     }
     reach = (sb_real)1.5 * spacing;
@@ -11353,7 +11360,7 @@ static void regi_prior_spread(const regi_prior *p, const regi_prior_draft *draft
     for (int i = 0; i < nodes; i++) {
         sb_real *row = draft->psi + (size_t)i * (size_t)c, sum = 0;
         for (int j = 0; j < c; j++) {
-            sb_real r = sb_v3_norm(sb_v3_sub(draft->skin->nodes[i], p->places[j]));
+            sb_real r = row[j];
             row[j] = c == nodes ? (sb_real)(draft->chosen[j] == i) : r < reach ? (1 - r / reach) * (1 - r / reach) : 0;
             sum += row[j];
         }

@@ -373,13 +373,18 @@ REG_API int reg_cloud_spread(const sb_vec3 *points, int count, int wanted, int *
     for (int i = 0; i < count; i++)
         scratch[i] = SB_REAL_MAX;
     while (n < wanted && n < count) {
+        sb_real most = -1;
         int best = 0;
         for (int i = 0; i < count; i++) {
             sb_vec3 d = sb_v3_sub(points[i], last);
-            scratch[i] = sb_min(scratch[i], sb_v3_dot(d, d));
-            best = scratch[i] > scratch[best] ? i : best;
+            sb_real square = sb_min(scratch[i], sb_v3_dot(d, d));
+            scratch[i] = square;
+            if (square > most) {
+                most = square;
+                best = i;
+            }
         }
-        if (n > 0 && !(scratch[best] > 0))
+        if (n > 0 && !(most > 0))
             break;
         if (n == 0) /* the mean is no point: from now on distances are to chosen ones */
             for (int i = 0; i < count; i++)

@@ -43,9 +43,11 @@ static void regi_prior_spread(const regi_prior *p, const regi_prior_draft *draft
     int nodes = draft->skin->node_count, c = p->control_count;
     sb_real spacing = 0, reach;
     for (int i = 0; i < nodes; i++) {
-        sb_real nearest = SB_REAL_MAX;
-        for (int j = 0; j < c; j++)
-            nearest = sb_min(nearest, sb_v3_norm(sb_v3_sub(draft->skin->nodes[i], p->places[j])));
+        sb_real *row = draft->psi + (size_t)i * (size_t)c, nearest = SB_REAL_MAX;
+        for (int j = 0; j < c; j++) {
+            row[j] = sb_v3_norm(sb_v3_sub(draft->skin->nodes[i], p->places[j]));
+            nearest = sb_min(nearest, row[j]);
+        }
         spacing = sb_max(spacing, nearest);
     }
     reach = (sb_real)1.5 * spacing;
@@ -54,7 +56,7 @@ static void regi_prior_spread(const regi_prior *p, const regi_prior_draft *draft
     for (int i = 0; i < nodes; i++) {
         sb_real *row = draft->psi + (size_t)i * (size_t)c, sum = 0;
         for (int j = 0; j < c; j++) {
-            sb_real r = sb_v3_norm(sb_v3_sub(draft->skin->nodes[i], p->places[j]));
+            sb_real r = row[j];
             row[j] = c == nodes ? (sb_real)(draft->chosen[j] == i) : r < reach ? (1 - r / reach) * (1 - r / reach) : 0;
             sum += row[j];
         }
