@@ -103,8 +103,11 @@ static void sbi_surface_field_of(const sb_surface *s, int triangle, const sb_vec
 {
     memset(field, 0, sizeof *field);
     field->centre = sb_v3_scale((sb_real)1 / 3, sb_v3_add(x[0], sb_v3_add(x[1], x[2])));
-    for (int i = 0; i < 3; i++)
-        field->radius = sb_max(field->radius, sb_v3_norm(sb_v3_sub(x[i], field->centre)));
+    for (int i = 0; i < 3; i++) {
+        sb_vec3 d = sb_v3_sub(x[i], field->centre);
+        field->radius = sb_max(field->radius, sb_v3_dot(d, d));
+    }
+    field->radius = sb_sqrt(field->radius);
     field->centre = sb_v3_sub(field->centre, s->centre);
     if (s->shape[triangle] == SBI_SURFACE_FLAT)
         return;
@@ -156,7 +159,7 @@ static void sbi_surface_coin_begin(const sbi_surface_field *field, sbi_surface_c
     coin->radius = coin->thickness = 0;
 }
 
-/* Widens the coin by another; one without radius and thickness is a point. */
+/* Widens the coin by another. */
 static void sbi_surface_coin_add(sbi_surface_coin *coin, const sbi_surface_coin *other)
 {
     sb_vec3 d = sb_v3_sub(other->centre, coin->centre);
@@ -193,19 +196,23 @@ static void sbi_surface_set_child_box(sbi_surface_node *node, int lane, const fl
     }
 }
 
-/* The coin around the triangles of a leaf. */
+/* The coin around the triangles of a leaf: around points. */
 static void sbi_surface_coin_of_leaf(const sb_surface *s, int index, const sbi_surface_field *field,
                                      sbi_surface_coin *coin)
 {
-    sbi_surface_coin point;
+    sb_real square = 0;
     sbi_surface_coin_begin(field, coin);
-    point = *coin;
     for (int k = 0; k < SBI_SURFACE_WIDTH; k++) { /* places without a triangle hold copies */
         for (int i = 0; i < 3; i++) {
-            point.centre = sb_v3_sub(s->exact[SBI_SURFACE_WIDTH * index + k][i], s->centre);
-            sbi_surface_coin_add(coin, &point);
+            sb_vec3 point = sb_v3_sub(s->exact[SBI_SURFACE_WIDTH * index + k][i], s->centre);
+            sb_vec3 d = sb_v3_sub(point, coin->centre), aside;
+            sb_real height = sb_v3_dot(d, coin->normal);
+            aside = sb_v3_madd(d, -height, coin->normal);
+            square = sb_max(square, sb_v3_dot(aside, aside));
+            coin->thickness = sb_max(coin->thickness, sb_abs(height));
         }
     }
+    coin->radius = sb_sqrt(square);
 }
 
 /* Recomputes a leaf from the nodes, and its box, coin and far field in its parent. */
