@@ -1,31 +1,39 @@
-/* case_convert: turns a case file into an input file of CalculiX or Abaqus, and back.
+/* case_convert: turns a case file into an input file of CalculiX or Abaqus, and back, and into one of FEBio.
  *
  *     cc -O3 case_convert.c -lm -o case_convert
  *     ./case_convert IN OUT [--as-svk]
  *
- * IN and OUT end in .case or .inp. Of a case CASE.case its mesh and lists are written beside it. */
+ * IN ends in .case or .inp, OUT in one of these or .feb. Of a case CASE.case its mesh and lists are written beside it.
+ */
 #include "system.h"
 
 #define SB_IMPLEMENTATION
 #include "softbody.h"
 
+#include "case_feb_write.h"
 #include "case_inp_write.h"
 #include "case_write.h"
 
 static const char help[] =
     "case_convert IN OUT [--as-svk]\n"
     "\n"
-    "IN, OUT   CASE.case (case_solve --help tells its grammar) or MODEL.inp, of Abaqus or CalculiX\n"
-    "--as-svk  writes corotated material, which no .inp can say, as St.Venant-Kirchhoff's\n"
+    "IN        CASE.case (case_solve --help tells its grammar) or MODEL.inp, of Abaqus or CalculiX\n"
+    "OUT       one of these, or MODEL.feb, of FEBio (format 4.0)\n"
+    "--as-svk  writes corotated material, which no .inp and no .feb can say, and linear material, which no .feb can,\n"
+    "          as St.Venant-Kirchhoff's\n"
     "\n"
     "What OUT cannot say is refused, with the line of IN where it stands. A .case comes with its mesh, OUT_mesh.vtk, "
     "and\n"
     "its lists, OUT_1_fix.txt and so on. A .inp counts forces in 1e-4 N and masses in 1e-4 kg where the material is "
     "not\n"
-    "linear, and says so: CalculiX takes forces out of balance below 1e-6 of its unit for 0. Tractions become nodal\n"
-    "forces, since CalculiX' *DLOAD follows the faces; pressures stay pressures.\n"
+    "linear, and says so: CalculiX takes forces out of balance below 1e-6 of its unit for 0. A .feb has SI units.\n"
+    "Tractions become nodal forces, since CalculiX' *DLOAD follows the faces; pressures stay pressures.\n"
     "\n"
     "Exits with 0, or with 2 and what is wrong.\n";
+
+/* Files that are read, and one that is written only. */
+static const char *const endings[] = {"case", "inp", "feb"};
+enum { READ_COUNT = 2, WRITTEN_COUNT = 3 };
 
 enum { EXIT_CONVERTED = 0, EXIT_WRONG = 2 };
 
@@ -51,11 +59,11 @@ static void print_notes(const case_file *c, const char *path)
 
 static int write_as(case_file *c, const char *path, int as_svk)
 {
-    if (!case_is_inp(path))
+    if (foreign_ends_in(path, "case"))
         return case_write(c, path, is_same_file);
     if (case_reads(c, path, is_same_file))
         return case_fail(c, 0, "%.500s is read by this case: it would be overwritten", path);
-    return inp_write(c, path, as_svk);
+    return foreign_ends_in(path, "feb") ? feb_write(c, path, as_svk) : inp_write(c, path, as_svk);
 }
 
 static int convert(const char *in, const char *out, int as_svk)
@@ -71,6 +79,19 @@ static int convert(const char *in, const char *out, int as_svk)
     }
     case_free(&c);
     return status;
+}
+
+/* Whether the name ends in one of the first `count` endings; says so when it does not. */
+static int has_ending(const char *path, int count)
+{
+    for (int i = 0; i < count; i++)
+        if (foreign_ends_in(path, endings[i]))
+            return 1;
+    fprintf(stderr, "case_convert: %s must end in", path);
+    for (int i = 0; i < count; i++)
+        fprintf(stderr, "%s.%s", i == 0 ? " " : i + 1 == count ? " or " : ", ", endings[i]);
+    fprintf(stderr, "\n");
+    return 0;
 }
 
 static int program(int argc, char **argv)
@@ -93,13 +114,8 @@ static int program(int argc, char **argv)
         fputs("usage: case_convert IN OUT [--as-svk]; see --help\n", stderr);
         return EXIT_WRONG;
     }
-    for (int i = 0; i < 2; i++) {
-        size_t length = strlen(paths[i]);
-        if (!case_is_inp(paths[i]) && (length < 6 || strcmp(paths[i] + length - 5, ".case") != 0)) {
-            fprintf(stderr, "case_convert: %s must end in .case or .inp\n", paths[i]);
-            return EXIT_WRONG;
-        }
-    }
+    if (!has_ending(paths[0], READ_COUNT) || !has_ending(paths[1], WRITTEN_COUNT))
+        return EXIT_WRONG;
     return convert(paths[0], paths[1], as_svk);
 }
 

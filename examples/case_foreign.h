@@ -12,11 +12,15 @@
 /* Node orders of these are the same here and there. */
 typedef struct foreign_element {
     sb_element_type type;
-    const char *inp; /* Abaqus, CalculiX */
+    const char *inp;      /* Abaqus, CalculiX */
+    const char *feb;      /* FEBio */
+    const char *feb_face; /* of its faces there */
 } foreign_element;
 
-static const foreign_element foreign_elements[] = {
-    {SB_TET4, "C3D4"}, {SB_TET10, "C3D10"}, {SB_HEX8, "C3D8"}, {SB_HEX20, "C3D20"}};
+static const foreign_element foreign_elements[] = {{SB_TET4, "C3D4", "tet4", "tri3"},
+                                                   {SB_TET10, "C3D10", "tet10", "tri6"},
+                                                   {SB_HEX8, "C3D8", "hex8", "quad4"},
+                                                   {SB_HEX20, "C3D20", "hex20", "quad8"}};
 enum { FOREIGN_ELEMENT_COUNT = (int)(sizeof foreign_elements / sizeof foreign_elements[0]) };
 
 /* Elements of fewer dimensions, which meshers write for named surfaces and lines. */
@@ -121,7 +125,82 @@ static inline const foreign_law *foreign_find_law(const char *inp, int terms)
     return NULL;
 }
 
+/* A material of FEBio: its constants as options of the case file's material. Laws with a volume term are uncoupled ones
+ * with the bulk modulus k = 2/D1 and the pressure model of foreign_feb_pressure. */
+typedef struct foreign_feb_law {
+    const char *feb, *model;
+    int is_uncoupled;
+    int constants;
+    struct {
+        const char *name;
+        case_key key;
+    } constant[2];
+} foreign_feb_law;
+
+static const foreign_feb_law foreign_feb_laws[] = {
+    {"isotropic elastic", "svk", 0, 2, {{"E", CASE_E}, {"v", CASE_NU}}},
+    {"neo-Hookean", "neo_hookean", 0, 2, {{"E", CASE_E}, {"v", CASE_NU}}},
+    {"Mooney-Rivlin", "neo_hookean", 1, 1, {{"c1", CASE_C10}, {"", CASE_C10}}},
+    {"Mooney-Rivlin", "mooney_rivlin", 1, 2, {{"c1", CASE_C10}, {"c2", CASE_C01}}},
+};
+enum { FOREIGN_FEB_LAW_COUNT = (int)(sizeof foreign_feb_laws / sizeof foreign_feb_laws[0]) };
+
+/* Which of FEBio's terms of volume is k/2 (J - 1)^2, as here; its default is k/2 (ln J)^2. */
+static const char foreign_feb_pressure[] = "Abaqus";
+
+/* ---- names ---------------------------------------------------------------------------------------------- */
+
+/* Whether the name of a file ends in `.ending`, in small or capital letters. */
+static inline int foreign_ends_in(const char *path, const char *ending)
+{
+    size_t length = strlen(path), count = strlen(ending);
+    int ok = length > count + 1 && path[length - count - 1] == '.';
+    for (size_t i = 0; i < count && ok; i++) {
+        char letter = path[length - count + i];
+        ok = (letter >= 'A' && letter <= 'Z' ? letter - 'A' + 'a' : letter) == ending[i];
+    }
+    return ok;
+}
+
+/* Says what is no part of a model, so that files go without it. */
+static inline void foreign_note_left_out(case_file *c)
+{
+    for (int i = 0; i < c->statement_count; i++) {
+        const case_statement *s = c->statements + i;
+        if (s->form->kind == CASE_EXPECT)
+            case_add_message(&c->notes, c->path, s->line, "expect probe is left out: the file cannot say it");
+        if (s->given & (CASE_BIT(CASE_ITERATIONS) | CASE_BIT(CASE_NEWTON)))
+            case_add_message(&c->notes, c->path, s->line, "the most iterations are left out: solvers have their own");
+    }
+}
+
 /* ---- numbers -------------------------------------------------------------------------------------------- */
+
+/* The fewest digits that are read as the same number again. */
+static inline const char *foreign_print_shortest(char text[32], double value)
+{
+    for (int precision = 15; precision <= 17; precision++) {
+        snprintf(text, 32, "%.*g", precision, value);
+        if (strtod(text, NULL) == value)
+            break;
+    }
+    return text;
+}
+
+/* The other one of D1 and k = 2/D1: of the numbers about it one that leads back to the same, where there is one. */
+static inline double foreign_other_modulus(double value)
+{
+    double first = 2 / value, down = first, up = first;
+    for (int i = 0; i < 3; i++) {
+        if (2 / down == value)
+            return down;
+        if (2 / up == value)
+            return up;
+        down = nextafter(down, 0);
+        up = nextafter(up, HUGE_VAL);
+    }
+    return first;
+}
 
 /* Input files of soft bodies count forces in 1e-4 N and masses in 1e-4 kg: CalculiX takes forces out of balance below
  * 1e-6 of its unit for 0. This comment says so; readers turn numbers back by their decimal exponents, without a change

@@ -2377,15 +2377,7 @@ static inline int inp_read(case_file *c, const char *path)
            case_load_rest(c);
 }
 
-/* Whether a name ends in .inp, in small or capital letters. */
-static inline int case_is_inp(const char *path)
-{
-    size_t length = strlen(path);
-    int is_inp = length > 4 && path[length - 4] == '.';
-    for (size_t i = 0; i < 3 && is_inp; i++)
-        is_inp = inp_upper(path[length - 3 + i]) == "INP"[i];
-    return is_inp;
-}
+static inline int case_is_inp(const char *path) { return foreign_ends_in(path, "inp"); }
 
 /* Reads a model of any kind that there is a reader for, by the ending of its name. */
 static inline int case_open(case_file *c, const char *path)

@@ -353,18 +353,6 @@ static inline int inp_write_step(inp_writer *w)
     return ok;
 }
 
-/* Says what is no part of a model, so that files go without it. */
-static inline void inp_note_left_out(case_file *c)
-{
-    for (int i = 0; i < c->statement_count; i++) {
-        const case_statement *s = c->statements + i;
-        if (s->form->kind == CASE_EXPECT)
-            case_add_message(&c->notes, c->path, s->line, "expect probe is left out: an input file cannot say it");
-        if (s->given & (CASE_BIT(CASE_ITERATIONS) | CASE_BIT(CASE_NEWTON)))
-            case_add_message(&c->notes, c->path, s->line, "the most iterations are left out: solvers have their own");
-    }
-}
-
 /* Writes the case at `path`. as_svk: 1 writes corotated material as St.Venant-Kirchhoff's, another law with the same
  * constants. Returns 1, or 0 with error_line and message: then the file is what it was before. */
 static inline int inp_write(case_file *c, const char *path, int as_svk)
@@ -383,7 +371,7 @@ static inline int inp_write(case_file *c, const char *path, int as_svk)
         ok = inp_can_say(&w, c->statements + i);
     if (!ok)
         return 0;
-    inp_note_left_out(c);
+    foreign_note_left_out(c);
     if (sb_output_open(&out, path, &error) != SB_OK)
         return case_fail_library(c, 0, &error);
     w.file = out.file;

@@ -92,7 +92,8 @@ same_numbers() { # same_numbers FILE FILE: lines NODE UX UY UZ that agree within
 }
 expect 0 '^case_convert IN OUT' case_convert --help
 expect 2 '^usage: case_convert' case_convert only.inp
-expect 2 'must end in .case or .inp' case_convert a.inp b.vtk
+expect 2 'must end in .case, .inp or .feb' case_convert a.inp b.vtk
+expect 2 'must end in .case or .inp' case_convert a.vtk b.inp
 expect 2 'no-such.inp:1: No such file' case_convert no-such.inp b.case
 expect 2 'mistakes.inp:8: elements C3D8R are not read' case_convert "$tests/mistakes.inp" b.case
 check "all ten mistakes are listed" [ "$(wc -l <output.txt)" = 10 ]
@@ -113,6 +114,18 @@ expect 2 'turning.case:2: material corotated with E and nu cannot be said' case_
 expect 2 'block_mesh.vtk is read by this case' case_convert turning.case block.case
 expect 0 '^turning.inp: 36 nodes' case_convert --as-svk turning.case turning.inp
 check "units are in the first line" grep -q '^.. units: m, s, force 1e-4 N' turning.inp
+
+# FEBio has no reduced polynomial; the same block of two laws that it has is written as it was before.
+expect 2 'block.inp:70: material reduced_polynomial cannot be said' case_convert "$tests/block.inp" gel.feb
+check "case_convert writes nothing that it cannot say" is_gone gel.feb
+sed 's/REDUCED POLYNOMIAL, N=2/MOONEY-RIVLIN/; s/^3E7, 1E7, 2E-8, 1E30/3E7, 1E7, 2E-8/' "$tests/block.inp" >gel.inp
+expect 0 '^gel.feb: 36 nodes, 12 hex8$' case_convert gel.inp gel.feb
+check "a file of FEBio is the one that was looked at" cmp -s gel.feb "$tests/block.feb"
+expect 0 '^turning.feb: 36 nodes' case_convert turning.case turning.feb --as-svk
+expect 2 'turning.case:2: material corotated cannot be said: FEBio has no such law; --as-svk' case_convert turning.case t.feb
+expect 0 '^gel.case: 36 nodes' case_convert gel.inp gel.case
+sed 's/^solve.*/solve modes count=3/; /^output/d' gel.case >humming.case
+expect 2 'solve modes cannot be said' case_convert humming.case humming.feb
 if command -v ccx >/dev/null 2>&1; then
     check "CalculiX solves it" eval "ccx block >ccx.txt 2>&1"
     awk '/displacements/ { on = 1 } on && NF == 4' block.dat >ccx_displacement.txt
