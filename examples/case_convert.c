@@ -1,4 +1,4 @@
-/* case_convert: turns a case file into an input file of CalculiX or Abaqus, and back, and into one of FEBio.
+/* case_convert: turns a case file into an input file of CalculiX, Abaqus or FEBio, and back.
  *
  *     cc -O3 case_convert.c -lm -o case_convert
  *     ./case_convert IN OUT [--as-svk]
@@ -10,6 +10,7 @@
 #define SB_IMPLEMENTATION
 #include "softbody.h"
 
+#include "case_feb.h"
 #include "case_feb_write.h"
 #include "case_inp_write.h"
 #include "case_write.h"
@@ -17,8 +18,8 @@
 static const char help[] =
     "case_convert IN OUT [--as-svk]\n"
     "\n"
-    "IN        CASE.case (case_solve --help tells its grammar) or MODEL.inp, of Abaqus or CalculiX\n"
-    "OUT       one of these, or MODEL.feb, of FEBio (format 4.0)\n"
+    "IN, OUT   CASE.case (case_solve --help tells its grammar), MODEL.inp, of Abaqus or CalculiX, or MODEL.feb, of\n"
+    "          FEBio (formats 4.0 and 3.0 are read, 4.0 is written)\n"
     "--as-svk  writes corotated material, which no .inp and no .feb can say, and linear material, which no .feb can,\n"
     "          as St.Venant-Kirchhoff's\n"
     "\n"
@@ -31,9 +32,9 @@ static const char help[] =
     "\n"
     "Exits with 0, or with 2 and what is wrong.\n";
 
-/* Files that are read, and one that is written only. */
+/* Of files that are read and written. */
 static const char *const endings[] = {"case", "inp", "feb"};
-enum { READ_COUNT = 2, WRITTEN_COUNT = 3 };
+enum { ENDING_COUNT = (int)(sizeof endings / sizeof endings[0]) };
 
 enum { EXIT_CONVERTED = 0, EXIT_WRONG = 2 };
 
@@ -81,15 +82,15 @@ static int convert(const char *in, const char *out, int as_svk)
     return status;
 }
 
-/* Whether the name ends in one of the first `count` endings; says so when it does not. */
-static int has_ending(const char *path, int count)
+/* Whether the name is one of a file that can be read; says so when it is not. */
+static int has_ending(const char *path)
 {
-    for (int i = 0; i < count; i++)
+    for (int i = 0; i < ENDING_COUNT; i++)
         if (foreign_ends_in(path, endings[i]))
             return 1;
     fprintf(stderr, "case_convert: %s must end in", path);
-    for (int i = 0; i < count; i++)
-        fprintf(stderr, "%s.%s", i == 0 ? " " : i + 1 == count ? " or " : ", ", endings[i]);
+    for (int i = 0; i < ENDING_COUNT; i++)
+        fprintf(stderr, "%s.%s", i == 0 ? " " : i + 1 == ENDING_COUNT ? " or " : ", ", endings[i]);
     fprintf(stderr, "\n");
     return 0;
 }
@@ -114,7 +115,7 @@ static int program(int argc, char **argv)
         fputs("usage: case_convert IN OUT [--as-svk]; see --help\n", stderr);
         return EXIT_WRONG;
     }
-    if (!has_ending(paths[0], READ_COUNT) || !has_ending(paths[1], WRITTEN_COUNT))
+    if (!has_ending(paths[0]) || !has_ending(paths[1]))
         return EXIT_WRONG;
     return convert(paths[0], paths[1], as_svk);
 }

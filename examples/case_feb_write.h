@@ -107,7 +107,9 @@ static inline int feb_can_say(feb_writer *w, const case_statement *s)
                          s->treatment->name);
     case CASE_SPRING: return case_fail(w->c, s->line, "spring cannot be said: those of FEBio have a length at rest");
     case CASE_TIE:
-    case CASE_CUT: return case_fail(w->c, s->line, "%s %s cannot be said in a file of FEBio", s->form->keyword, what);
+    case CASE_CUT:
+        return case_fail(w->c, s->line, "%s%s%s cannot be said in a file of FEBio", s->form->keyword, *what ? " " : "",
+                         what);
     default: return 1;
     }
 }
@@ -183,7 +185,7 @@ static inline void feb_write_control(feb_writer *w, const case_statement *s)
 }
 
 /* The name of a material and of the part that has it. */
-static inline void feb_part(const case_statement *s, const char *name, char text[32])
+static inline void feb_name_part(const case_statement *s, const char *name, char text[32])
 {
     if (s->given & CASE_IN_REGION)
         snprintf(text, 32, "%s%d", name, (int)s->number[CASE_REGION]);
@@ -195,7 +197,7 @@ static inline void feb_write_material(feb_writer *w, const case_statement *s, in
 {
     const foreign_feb_law *law = feb_law_of(w, s);
     char name[32];
-    feb_part(s, "Material", name);
+    feb_name_part(s, "Material", name);
     fprintf(w->file, "\t\t<material id=\"%d\" name=\"%s\" type=\"%s\">\n", id, name, law->feb);
     feb_number(w, "\t\t\t<density>", s->number[CASE_DENSITY], "</density>\n");
     for (int k = 0; k < law->constants; k++) {
@@ -230,7 +232,7 @@ static inline void feb_write_elements(feb_writer *w, const case_statement *s)
     const sb_mesh *mesh = &w->c->mesh;
     int width = sb_mesh_element_width(mesh), has_region = (s->given & CASE_IN_REGION) != 0;
     char name[32];
-    feb_part(s, "Part", name);
+    feb_name_part(s, "Part", name);
     fprintf(w->file, "\t\t<Elements type=\"%s\" name=\"%s\">\n", foreign_element_of(mesh->element_type)->feb, name);
     for (int e = 0; e < mesh->element_count; e++) {
         if (has_region && (mesh->regions ? mesh->regions[e] : 0) != (int)s->number[CASE_REGION])
@@ -341,8 +343,8 @@ static inline void feb_write_domains(feb_writer *w)
         char part[32], material[32];
         if (s->form->kind != CASE_MATERIAL)
             continue;
-        feb_part(s, "Part", part);
-        feb_part(s, "Material", material);
+        feb_name_part(s, "Part", part);
+        feb_name_part(s, "Material", material);
         fprintf(w->file, "\t\t<SolidDomain name=\"%s\" mat=\"%s\" type=\"elastic-solid\"%s/>\n", part, material,
                 mesh->element_type != SB_TET10 ? ""
                 : feb_is_curved(mesh)          ? " elem_type=\"TET10G8\""

@@ -61,6 +61,7 @@ typedef struct inp_material {
     const char *name;
     inp_place place, law_place;
     const foreign_law *law; /* NULL: *ELASTIC, or none when law_place.path is NULL */
+    const char *model;      /* of two constants E and nu; NULL: what NLGEOM makes of *ELASTIC */
     double constants[12];   /* as the file has them, with its unit of force */
     int constant_count, wanted;
     double density; /* 0: none */
@@ -96,9 +97,10 @@ typedef struct inp_tie {
 /* One data line of a support or load, in the order of the file. */
 typedef struct inp_entry {
     inp_kind kind;
-    int step;  /* from 1; 0: before the first */
-    int fresh; /* OP=NEW: what earlier steps had of this kind goes */
-    const char *target;
+    int step;           /* from 1; 0: before the first */
+    int fresh;          /* OP=NEW: what earlier steps had of this kind goes */
+    const char *target; /* NULL: the node `label` */
+    int label;
     int first, last; /* axes from 0; of pressures the face in both */
     double value;
     double direction[3]; /* of gravity */
@@ -116,9 +118,9 @@ typedef struct inp_step {
 
 /* A term of an equation; `starts` at the first of each. */
 typedef struct inp_term {
-    const char *target;
-    int axis, starts;
-    double coefficient;
+    const char *target; /* NULL: the node `label` */
+    int label, axis, starts;
+    double coefficient, value; /* value: right-hand side (m), at the first term */
     inp_place place;
 } inp_term;
 
@@ -1548,7 +1550,17 @@ static inline void inp_resolve_sets(inp_reader *r)
     free(seen);
 }
 
-/* What a data line names: a set, or one label whose place goes to *single. */
+/* One node or element, whose place goes to *single. */
+static inline const int *inp_target(inp_reader *r, int label, int of_elements, inp_place place, int *single, int *count)
+{
+    *single = inp_find(of_elements ? &r->element_map : &r->node_map, label);
+    *count = *single >= 0;
+    if (*single < 0)
+        inp_complain(r, place, "%s %d is not there", of_elements ? "element" : "node", label);
+    return single;
+}
+
+/* What a data line names: a set, or one label. */
 static inline const int *inp_targets(inp_reader *r, const char *target, int of_elements, inp_place place, int *single,
                                      int *count)
 {
@@ -1563,11 +1575,7 @@ static inline const int *inp_targets(inp_reader *r, const char *target, int of_e
         inp_complain(r, place, "there is no set of %ss %.80s", what, target);
         return NULL;
     }
-    *single = inp_find(of_elements ? &r->element_map : &r->node_map, label);
-    *count = *single >= 0;
-    if (*single < 0)
-        inp_complain(r, place, "%s %d is not there", what, label);
-    return single;
+    return inp_target(r, label, of_elements, place, single, count);
 }
 
 /* ---- building: supports and loads -------------------------------------------------------------------------- */
@@ -1644,7 +1652,8 @@ static inline void inp_clear(inp_reader *r, const inp_entry *fresh)
 static inline void inp_apply_to_nodes(inp_reader *r, const inp_entry *e, double value, double rise)
 {
     int single = -1, count;
-    const int *nodes = inp_targets(r, e->target, 0, e->place, &single, &count);
+    const int *nodes = e->target ? inp_targets(r, e->target, 0, e->place, &single, &count)
+                                 : inp_target(r, e->label, 0, e->place, &single, &count);
     for (int i = 0; i < count; i++)
         for (int axis = e->first; axis <= e->last; axis++) {
             size_t at = 3 * (size_t)nodes[i] + (size_t)axis;
@@ -1720,7 +1729,7 @@ static inline void inp_apply_entries(inp_reader *r)
             continue;
         }
         if (rise > 0 && e->kind != INP_BOUNDARY)
-            inp_complain(r, e->place, "a load of a dynamic step is sudden: a ramp is for *BOUNDARY only");
+            inp_complain(r, e->place, "a load of a dynamic step is sudden: a ramp is for supports only");
         switch (e->kind) {
         case INP_BOUNDARY:
         case INP_CLOAD: inp_apply_to_nodes(r, e, value, rise); break;
@@ -1918,7 +1927,8 @@ static inline void inp_add_equations(inp_reader *r)
     for (int i = 0; i < r->terms.count && !r->no_memory; i++) {
         const inp_term *t = inp_terms(r) + i;
         int single = -1, count;
-        const int *nodes = inp_targets(r, t->target, 0, t->place, &single, &count);
+        const int *nodes = t->target ? inp_targets(r, t->target, 0, t->place, &single, &count)
+                                     : inp_target(r, t->label, 0, t->place, &single, &count);
         if (!s)
             s = inp_statement(r, CASE_EQUATION, NULL, CASE_BIT(CASE_FILE), t->place);
         if (count > 1)
@@ -1926,7 +1936,7 @@ static inline void inp_add_equations(inp_reader *r)
                          count);
         if (count != 1 || !s)
             return;
-        if ((t->starts && !case_add_equation(r->c, s, 0)) ||
+        if ((t->starts && !case_add_equation(r->c, s, (sb_real)t->value)) ||
             !case_add_term(r->c, s, nodes[0], t->axis, (sb_real)t->coefficient))
             r->no_memory = 1;
     }
@@ -2080,7 +2090,7 @@ static inline void inp_set_law(case_statement *s, const inp_material *m)
 static inline void inp_add_material(inp_reader *r, const inp_material *m, int has_region, int region)
 {
     case_bits given = CASE_BIT(CASE_DENSITY) | (has_region ? CASE_BIT(CASE_REGION) : 0);
-    const char *model = m->law ? m->law->model : r->nonlinear ? "svk" : "linear";
+    const char *model = m->law ? m->law->model : m->model ? m->model : r->nonlinear ? "svk" : "linear";
     const char *expected = "";
     case_statement *s;
     case_bits law = m->law ? CASE_BIT(CASE_D1) | CASE_BIT(CASE_C10) | CASE_BIT(m->law->keys[1]) : CASE_HOOKE;
@@ -2355,34 +2365,41 @@ static inline int inp_check_mesh(case_file *c)
     return case_fail_library(c, c->mesh_statement->line, &error);
 }
 
+/* Empty, for the case. */
+static inline void inp_start(inp_reader *r, case_file *c)
+{
+    memset(r, 0, sizeof *r);
+    r->c = c;
+    r->set = -1;
+    r->here.path = c->path;
+    r->card_name = "";
+}
+
+/* Releases what was read, and looks at the case that it became. */
+static inline int inp_finish(inp_reader *r)
+{
+    case_file *c = r->c;
+    if (r->no_memory && c->faults.count == 0)
+        inp_complain(r, r->here, "out of memory");
+    inp_free(r);
+    return c->faults.count == 0 && case_find_singles(c) && inp_check_mesh(c) && case_load_materials(c) &&
+           case_load_rest(c);
+}
+
 /* Reads an input file, as case_read does a case. What is wrong is listed in c->faults. */
 static inline int inp_read(case_file *c, const char *path)
 {
     inp_reader r;
     if (!case_start(c, path))
         return 0;
-    memset(&r, 0, sizeof r);
-    r.c = c;
-    r.set = -1;
-    r.here.path = c->path;
-    r.card_name = "";
+    inp_start(&r, c);
     inp_open(&r, c->path, c->text);
     inp_parse(&r);
     if (c->faults.count == 0 && !r.no_memory)
         inp_build(&r);
-    if (r.no_memory && c->faults.count == 0)
-        inp_complain(&r, r.here, "out of memory");
-    inp_free(&r);
-    return c->faults.count == 0 && case_find_singles(c) && inp_check_mesh(c) && case_load_materials(c) &&
-           case_load_rest(c);
+    return inp_finish(&r);
 }
 
 static inline int case_is_inp(const char *path) { return foreign_ends_in(path, "inp"); }
-
-/* Reads a model of any kind that there is a reader for, by the ending of its name. */
-static inline int case_open(case_file *c, const char *path)
-{
-    return case_is_inp(path) ? inp_read(c, path) : case_read(c, path);
-}
 
 #endif /* CASE_INP_H */

@@ -93,7 +93,7 @@ same_numbers() { # same_numbers FILE FILE: lines NODE UX UY UZ that agree within
 expect 0 '^case_convert IN OUT' case_convert --help
 expect 2 '^usage: case_convert' case_convert only.inp
 expect 2 'must end in .case, .inp or .feb' case_convert a.inp b.vtk
-expect 2 'must end in .case or .inp' case_convert a.vtk b.inp
+expect 2 'must end in .case, .inp or .feb' case_convert a.vtk b.inp
 expect 2 'no-such.inp:1: No such file' case_convert no-such.inp b.case
 expect 2 'mistakes.inp:8: elements C3D8R are not read' case_convert "$tests/mistakes.inp" b.case
 check "all ten mistakes are listed" [ "$(wc -l <output.txt)" = 10 ]
@@ -121,6 +121,15 @@ check "case_convert writes nothing that it cannot say" is_gone gel.feb
 sed 's/REDUCED POLYNOMIAL, N=2/MOONEY-RIVLIN/; s/^3E7, 1E7, 2E-8, 1E30/3E7, 1E7, 2E-8/' "$tests/block.inp" >gel.inp
 expect 0 '^gel.feb: 36 nodes, 12 hex8$' case_convert gel.inp gel.feb
 check "a file of FEBio is the one that was looked at" cmp -s gel.feb "$tests/block.feb"
+expect 0 '^back.case: 36 nodes, 12 hex8$' case_convert gel.feb back.case
+expect 0 '^back.feb: 36 nodes, 12 hex8$' case_convert back.case back.feb
+check "a file of FEBio comes back the same" cmp -s back.feb gel.feb
+expect 0 '^converged' case_solve gel.inp -p gel_
+expect 0 '^converged' case_solve gel.feb -p back_
+check "a model of FEBio has the same solution" same_numbers gel_displacement.txt back_displacement.txt
+expect 2 'mistakes.feb:9: material type Ogden is not read' case_convert "$tests/mistakes.feb" b.case
+check "all ten mistakes are listed" [ "$(wc -l <output.txt)" = 10 ]
+check "case_convert writes nothing of a wrong file of FEBio" is_gone b.case
 expect 0 '^turning.feb: 36 nodes' case_convert turning.case turning.feb --as-svk
 expect 2 'turning.case:2: material corotated cannot be said: FEBio has no such law; --as-svk' case_convert turning.case t.feb
 expect 0 '^gel.case: 36 nodes' case_convert gel.inp gel.case

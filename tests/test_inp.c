@@ -2,6 +2,7 @@
 #include "softbody.h"
 
 #include "check.h"
+#include "foreign_cases.h"
 #include "same_body.h"
 
 #include "../examples/case_inp_write.h"
@@ -424,56 +425,6 @@ static void test_numbers(void)
         CHECK(!foreign_scan_number(bad[i], 0, &value));
 }
 
-static const char *const reference_names[] = {"cylinder_bend_coarse_tet10",
-                                              "cylinder_bend_fine_tet10",
-                                              "cylinder_stretch3_hex20",
-                                              "cylinder_stretch3_tet10",
-                                              "dyn_gravity_hex20",
-                                              "dyn_gravity_tet10",
-                                              "dyn_gravity_tet4",
-                                              "lin_cantilever_hex20",
-                                              "lin_cantilever_hex8",
-                                              "lin_cantilever_tet10",
-                                              "lin_cantilever_tet4",
-                                              "modal_cantilever_hex20",
-                                              "modal_cantilever_hex8",
-                                              "modal_cantilever_tet10",
-                                              "modal_cantilever_tet4",
-                                              "modal_free_hex20",
-                                              "modal_free_hex8",
-                                              "modal_free_tet10",
-                                              "modal_free_tet4",
-                                              "mr_shear_hex20",
-                                              "mr_shear_tet10",
-                                              "mr_stretch60_hex20",
-                                              "mr_stretch60_tet10",
-                                              "mr_uniaxial_hex8",
-                                              "nh_cantilever_hex20",
-                                              "nh_cantilever_hex8",
-                                              "nh_cantilever_tet10",
-                                              "nh_cantilever_tet4",
-                                              "nh_uniaxial_tet10",
-                                              "phantom_probe_tet10",
-                                              "phantom_probe_tet4",
-                                              "rp2_compress30_hex20",
-                                              "rp2_compress30_tet10",
-                                              "rp2_liver_gravity_tet10",
-                                              "rp2_stretch50_hex20",
-                                              "svk_cantilever_hex20",
-                                              "svk_cantilever_tet10",
-                                              "svk_cantilever_tet4",
-                                              "twist90_hex20",
-                                              "twist90_tet10"};
-enum { REFERENCE_COUNT = (int)(sizeof reference_names / sizeof reference_names[0]) };
-
-/* The path of a file of a reference case; 0 when it is not there. */
-static int reference_path(char *path, size_t size, int i, const char *file)
-{
-    char relative[128];
-    snprintf(relative, sizeof relative, "reference/%s/%s", reference_names[i], file);
-    return check_shared_path(path, size, relative);
-}
-
 /* The reference cases were solved by CalculiX from their case.inp; their case.case says the same. Nodal forces are
  * compared for the smaller ones, of all with CHECK_SLOW=1. */
 static void test_reference(void)
@@ -558,86 +509,14 @@ static void test_round(void)
     }
 }
 
-/* Writes a case of a random beam in random words: two regions or one, all laws, all loads; and its lists. */
-static void write_random_case(const char *path, unsigned long long *state)
+static void test_random_round(void)
 {
-    static const sb_element_type types[] = {SB_TET4, SB_TET10, SB_HEX8, SB_HEX20};
     static const char *const laws[] = {"svk E=%.17g nu=.3", "neo_hookean C10=%.17g D1=1e-5",
                                        "mooney_rivlin C10=%.17g C01=-1.5 D1=3.3333333333333333e-4",
                                        "reduced_polynomial C10=%.17g C20=7 C30=.1 D1=.002"};
-    double size = pow(10, 3 * (int)check_random_in(state, -1, 2));
-    int two = check_random(state) < 0.5, dynamic = check_random(state) < 0.5;
-    sb_mesh mesh;
-    sb_error error;
-    FILE *file = fopen(path, "w"), *list;
-    memset(&mesh, 0, sizeof mesh);
-    CHECK_OK(sb_mesh_beam(types[(int)check_random_in(state, 0, 4)], 2, 2, 3,
-                          sb_v3((sb_real)(size * check_random_in(state, 1, 2)), (sb_real)size, (sb_real)size), NULL,
-                          &mesh, &error));
-    mesh.regions = (int *)calloc((size_t)mesh.element_count, sizeof(int));
-    for (int e = 0; e < mesh.element_count && mesh.regions; e++)
-        mesh.regions[e] = two && e % 3 == 0 ? 42 : 7;
-    CHECK_OK(sb_mesh_save_vtk("build/test_inp_random.vtk", &mesh, NULL, 0, &error));
-    free(mesh.regions);
-    mesh.regions = NULL;
-    if (!CHECK(file != NULL)) {
-        sb_mesh_free(&mesh);
-        return;
-    }
-    fprintf(file, "mesh test_inp_random.vtk\n");
-    for (int k = 0; k <= two; k++) {
-        fprintf(file, "material ");
-        fprintf(file, laws[(int)check_random_in(state, 0, 4)], check_random_in(state, 100, 1e5));
-        fprintf(file, " density=%.17g region=%d\n", check_random_in(state, 900, 1100), k ? 42 : 7);
-    }
-    fprintf(file, "gravity %.17g 0 %.17g\n", check_random_in(state, -9, 9), check_random_in(state, -9, 9));
-    list = fopen("build/test_inp_fix", "w");
-    for (int i = 0; i < mesh.node_count && list; i++)
-        if (mesh.nodes[i].x == 0)
-            fprintf(list, "%d\n", i);
-    CHECK(list && fclose(list) == 0);
-    fprintf(file, "fix %s nodes=test_inp_fix\n", check_random(state) < 0.5 ? "xyz" : "zx");
-    list = fopen("build/test_inp_move", "w");
-    for (int i = 0; i < mesh.node_count && list; i++)
-        if (mesh.nodes[i].x > (sb_real)(0.999 * size) && i % 2)
-            fprintf(list, "%d %.17g 0 %.17g\n", i, size * check_random_in(state, -.01, .01),
-                    size * check_random_in(state, -.01, .01));
-    CHECK(list && fclose(list) == 0);
-    fprintf(file, "prescribe xyz file=test_inp_move%s\n", dynamic ? " ramp=.3" : "");
-    list = fopen("build/test_inp_push", "w");
-    for (int i = 0; i < mesh.node_count && list; i++)
-        if (i % 3 == 0)
-            fprintf(list, "%d %.17g %.17g 0\n", i, check_random_in(state, -1e-3, 1e-3), check_random_in(state, -1, 1));
-    CHECK(list && fclose(list) == 0);
-    fprintf(file, "force file=test_inp_push\n");
-    list = fopen("build/test_inp_face", "w"); /* sides of the elements, whatever they are */
-    for (int e = 0; e < mesh.element_count && list; e++)
-        for (int k = 0; k < sb_element_face_count(mesh.element_type); k++) {
-            int local[SB_MAX_FACE_NODES], out = 1, corners = sb_element_corner_count(mesh.element_type) == 8 ? 4 : 3;
-            const int *cell = mesh.elements + (size_t)e * (size_t)sb_mesh_element_width(&mesh);
-            sb_element_face(mesh.element_type, k, local, NULL);
-            for (int a = 0; a < corners; a++)
-                out &= mesh.nodes[cell[local[a]]].z == 0;
-            for (int a = 0; a < corners && out; a++)
-                fprintf(list, "%d ", cell[local[a]]);
-            fprintf(list, "\n");
-        }
-    CHECK(list && fclose(list) == 0);
-    fprintf(file, "pressure faces=test_inp_face value=%.17g\n", check_random_in(state, -3, 3));
-    if (dynamic)
-        fprintf(file, "solve newmark dt=%.17g end=1 tol=1e-7\noutput probe 5 p\n", check_random_in(state, .01, .1));
-    else
-        fprintf(file, "solve static steps=%d tol=1e-8\noutput displacement u\noutput reaction r\n",
-                (int)check_random_in(state, 1, 20));
-    CHECK(fclose(file) == 0);
-    sb_mesh_free(&mesh);
-}
-
-static void test_random_round(void)
-{
     unsigned long long state = 2026;
     for (int i = 0; i < check_rounds(25); i++) {
-        write_random_case("build/test_inp_random.case", &state);
+        write_random_case("build/test_inp_random", laws, 0, &state);
         check_round("build/test_inp_random.case", 1);
     }
 }

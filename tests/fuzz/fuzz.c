@@ -18,6 +18,7 @@
 #include "target_body.h"
 #include "target_case.h"
 #include "target_cloud.h"
+#include "target_feb.h"
 #include "target_geometry.h"
 #include "target_igtl.h"
 #include "target_inp.h"
@@ -25,6 +26,7 @@
 #include "target_needle.h"
 #include "target_precond.h"
 #include "target_register.h"
+#include "target_xml.h"
 
 #include <signal.h>
 #include <time.h>
@@ -40,6 +42,8 @@ static const struct fuzz_target {
                     {"mesh", fuzz_mesh},
                     {"case", fuzz_case},
                     {"inp", fuzz_inp},
+                    {"xml", fuzz_xml},
+                    {"feb", fuzz_feb},
                     {"state", fuzz_state},
                     {"record", fuzz_record},
                     {"body", fuzz_body},
