@@ -13,6 +13,7 @@
 #include "case_feb.h"
 #include "case_feb_write.h"
 #include "case_inp_write.h"
+#include "case_scn_write.h"
 #include "case_write.h"
 
 static const char help[] =
@@ -20,6 +21,7 @@ static const char help[] =
     "\n"
     "IN, OUT   CASE.case (case_solve --help tells its grammar), MODEL.inp, of Abaqus or CalculiX, or MODEL.feb, of\n"
     "          FEBio (formats 4.0 and 3.0 are read, 4.0 is written)\n"
+    "OUT       also SCENE.scn, of SOFA: tet4 of one material\n"
     "--as-svk  writes corotated material, which no .inp and no .feb can say, and linear material, which no .feb can,\n"
     "          as St.Venant-Kirchhoff's\n"
     "\n"
@@ -32,9 +34,9 @@ static const char help[] =
     "\n"
     "Exits with 0, or with 2 and what is wrong.\n";
 
-/* Of files that are read and written. */
-static const char *const endings[] = {"case", "inp", "feb"};
-enum { ENDING_COUNT = (int)(sizeof endings / sizeof endings[0]) };
+/* Files that are read, and one that is written only. */
+static const char *const endings[] = {"case", "inp", "feb", "scn"};
+enum { READ_COUNT = 3, WRITTEN_COUNT = 4 };
 
 enum { EXIT_CONVERTED = 0, EXIT_WRONG = 2 };
 
@@ -64,7 +66,9 @@ static int write_as(case_file *c, const char *path, int as_svk)
         return case_write(c, path, is_same_file);
     if (case_reads(c, path, is_same_file))
         return case_fail(c, 0, "%.500s is read by this case: it would be overwritten", path);
-    return foreign_ends_in(path, "feb") ? feb_write(c, path, as_svk) : inp_write(c, path, as_svk);
+    return foreign_ends_in(path, "feb")   ? feb_write(c, path, as_svk)
+           : foreign_ends_in(path, "scn") ? scn_write(c, path)
+                                          : inp_write(c, path, as_svk);
 }
 
 static int convert(const char *in, const char *out, int as_svk)
@@ -82,15 +86,15 @@ static int convert(const char *in, const char *out, int as_svk)
     return status;
 }
 
-/* Whether the name is one of a file that can be read; says so when it is not. */
-static int has_ending(const char *path)
+/* Whether the name ends in one of the first `count` endings; says so when it does not. */
+static int has_ending(const char *path, int count)
 {
-    for (int i = 0; i < ENDING_COUNT; i++)
+    for (int i = 0; i < count; i++)
         if (foreign_ends_in(path, endings[i]))
             return 1;
     fprintf(stderr, "case_convert: %s must end in", path);
-    for (int i = 0; i < ENDING_COUNT; i++)
-        fprintf(stderr, "%s.%s", i == 0 ? " " : i + 1 == ENDING_COUNT ? " or " : ", ", endings[i]);
+    for (int i = 0; i < count; i++)
+        fprintf(stderr, "%s.%s", i == 0 ? " " : i + 1 == count ? " or " : ", ", endings[i]);
     fprintf(stderr, "\n");
     return 0;
 }
@@ -115,7 +119,7 @@ static int program(int argc, char **argv)
         fputs("usage: case_convert IN OUT [--as-svk]; see --help\n", stderr);
         return EXIT_WRONG;
     }
-    if (!has_ending(paths[0]) || !has_ending(paths[1]))
+    if (!has_ending(paths[0], READ_COUNT) || !has_ending(paths[1], WRITTEN_COUNT))
         return EXIT_WRONG;
     return convert(paths[0], paths[1], as_svk);
 }

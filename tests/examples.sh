@@ -92,8 +92,8 @@ same_numbers() { # same_numbers FILE FILE: lines NODE UX UY UZ that agree within
 }
 expect 0 '^case_convert IN OUT' case_convert --help
 expect 2 '^usage: case_convert' case_convert only.inp
-expect 2 'must end in .case, .inp or .feb' case_convert a.inp b.vtk
-expect 2 'must end in .case, .inp or .feb' case_convert a.vtk b.inp
+expect 2 'must end in .case, .inp, .feb or .scn' case_convert a.inp b.vtk
+expect 2 'must end in .case, .inp or .feb' case_convert a.scn b.inp
 expect 2 'no-such.inp:1: No such file' case_convert no-such.inp b.case
 expect 2 'mistakes.inp:8: elements C3D8R are not read' case_convert "$tests/mistakes.inp" b.case
 check "all ten mistakes are listed" [ "$(wc -l <output.txt)" = 10 ]
@@ -135,6 +135,7 @@ expect 2 'turning.case:2: material corotated cannot be said: FEBio has no such l
 expect 0 '^gel.case: 36 nodes' case_convert gel.inp gel.case
 sed 's/^solve.*/solve modes count=3/; /^output/d' gel.case >humming.case
 expect 2 'solve modes cannot be said' case_convert humming.case humming.feb
+expect 2 'turning.case:1: elements of type hex8 cannot be said in a scene' case_convert turning.case turning.scn
 if command -v ccx >/dev/null 2>&1; then
     check "CalculiX solves it" eval "ccx block >ccx.txt 2>&1"
     awk '/displacements/ { on = 1 } on && NF == 4' block.dat >ccx_displacement.txt
