@@ -55,10 +55,17 @@ typedef struct feb_part {
     inp_place place;
 } feb_part;
 
+/* What an equation has on its right side. */
+typedef struct feb_offset {
+    int term; /* the first of the equation */
+    feb_value value;
+} feb_offset;
+
 typedef struct feb_reader {
     inp_reader model;
     xml_reader xml;
-    inp_list facets, data, uses, pressures, parts;
+    inp_list facets, data, uses, pressures, parts, offsets;
+    inp_place smooth;           /* of a course that is not LINEAR; path NULL: there is none */
     int is_uncoupled, is_mixed; /* a law that FEBio takes mixed elements for; the domain says so, or says nothing */
     int has_control, steps, step_count;
     int is_dynamic;
@@ -784,6 +791,7 @@ static inline void feb_take_constraint(feb_reader *f)
 {
     int first = f->model.terms.count;
     feb_value offset;
+    feb_offset *o;
     inp_term slave, *t = (inp_term *)inp_add(&f->model, &f->model.terms, sizeof *t);
     memset(&slave, 0, sizeof slave);
     memset(&offset, 0, sizeof offset);
@@ -809,13 +817,16 @@ static inline void feb_take_constraint(feb_reader *f)
     }
     if (slave.label == 0 || slave.axis < 0)
         inp_complain(&f->model, slave.place, "a linear constraint needs <node> and <dof>");
-    if (offset.numbers[0] != 0 && f->is_dynamic)
-        inp_complain(&f->model, slave.place, "an offset in a dynamic analysis is not read");
+    if (offset.map)
+        inp_complain(&f->model, slave.place, "an offset is one number");
     slave.starts = 1;
     slave.coefficient = 1;
-    slave.value = offset.numbers[0];
     if (first < f->model.terms.count)
         inp_terms(&f->model)[first] = slave;
+    if (offset.numbers[0] != 0 && (o = (feb_offset *)inp_add(&f->model, &f->offsets, sizeof *o)) != NULL) {
+        o->term = first;
+        o->value = offset;
+    }
 }
 
 static inline void feb_take_boundary(feb_reader *f)
@@ -1006,9 +1017,8 @@ static inline void feb_take_controller(feb_reader *f)
         if (strcmp(name, "points") == 0) {
             feb_take_points(f, &read);
         } else if (strcmp(name, "interpolate") == 0) {
-            text = feb_text(f);
-            if (f->is_dynamic && strcmp(text, "LINEAR") != 0)
-                feb_complain(f, "interpolate %.40s is not read in a dynamic analysis, only LINEAR", text);
+            if (strcmp(feb_text(f), "LINEAR") != 0)
+                f->smooth = read.place;
         } else if (strcmp(name, "extend") == 0) {
             text = feb_text(f);
             if (strcmp(text, "CONSTANT") != 0)
@@ -1152,7 +1162,7 @@ static inline void feb_use_data(feb_reader *f, const feb_use *use)
     for (int i = 0; i < f->data.count; i++)
         if (strcmp(((const feb_data *)f->data.items)[i].name, use->value.map) == 0)
             data = (const feb_data *)f->data.items + i;
-    set = data ? inp_find_set(&f->model, data->set, 0) : -1;
+    set = data && *data->set != '@' ? inp_find_set(&f->model, data->set, 0) : -1; /* in which order are a surface's? */
     if (!data || set < 0 || data->width != width || strcmp(data->set, use->set) != 0) {
         inp_complain(&f->model, use->value.place, "there is no NodeData %.60s of %s for the node set %.60s",
                      use->value.map, width == 3 ? "vec3" : "scalar", use->set);
@@ -1185,6 +1195,29 @@ static inline int feb_turn(const case_file *c, const int *corners, int element, 
         if (cell[local[k]] == corners[0])
             at = k;
     return cell[local[(at + 1) % count]] == corners[1] ? 1 : -1;
+}
+
+/* The number of a value at the end, which its course scales; *rise: the time (s) until then in a dynamic analysis. */
+static inline double feb_value_at_end(feb_reader *f, const feb_value *v, double *rise)
+{
+    inp_entry e;
+    memset(&e, 0, sizeof e);
+    e.step = 1;
+    e.value = v->numbers[0];
+    e.amplitude = v->course;
+    e.place = v->place;
+    return inp_entry_value(&f->model, &e, rise);
+}
+
+static inline void feb_set_offsets(feb_reader *f)
+{
+    double rise;
+    for (int i = 0; i < f->offsets.count; i++) {
+        const feb_offset *o = (const feb_offset *)f->offsets.items + i;
+        inp_terms(&f->model)[o->term].value = feb_value_at_end(f, &o->value, &rise);
+        if (f->is_dynamic)
+            inp_complain(&f->model, o->value.place, "an offset in a dynamic analysis is not read");
+    }
 }
 
 /* A pressure on one facet: FEBio's pushes against the side that sees its nodes counter-clockwise. */
@@ -1223,24 +1256,17 @@ static inline void feb_press(feb_reader *f)
     }
     for (int i = 0; i < f->pressures.count && !f->model.no_memory; i++) {
         const feb_pressure *p = (const feb_pressure *)f->pressures.items + i;
-        inp_entry e;
-        double rise, value;
+        double rise, value = feb_value_at_end(f, &p->value, &rise);
         int found = 0;
-        memset(&e, 0, sizeof e);
-        e.step = 1;
-        e.value = p->value.numbers[0];
-        e.amplitude = p->value.course;
-        e.place = p->value.place;
-        value = inp_entry_value(&f->model, &e, &rise);
         if (rise > 0)
-            inp_complain(&f->model, e.place, "a load of a dynamic step is sudden: a ramp is for supports only");
+            inp_complain(&f->model, p->value.place, "a load of a dynamic step is sudden: a ramp is for supports only");
         for (int k = 0; k < f->facets.count; k++)
             if (strcmp(((const feb_facet *)f->facets.items)[k].surface, p->surface) == 0) {
                 feb_press_facet(f, (const feb_facet *)f->facets.items + k, value);
                 found = 1;
             }
         if (!found)
-            inp_complain(&f->model, e.place, "there is no surface %.60s", p->surface);
+            inp_complain(&f->model, p->value.place, "there is no surface %.60s", p->surface);
     }
 }
 
@@ -1290,6 +1316,8 @@ static inline void feb_check(feb_reader *f)
     for (int i = 0; i < r->terms.count; i++)
         if (inp_terms(r)[i].starts && (i + 1 == r->terms.count || inp_terms(r)[i + 1].starts))
             inp_complain(r, inp_terms(r)[i].place, "a linear constraint without <child_dof>");
+    if (f->is_dynamic && f->smooth.path)
+        inp_complain(r, f->smooth, "a load_controller in a dynamic analysis is read with interpolate LINEAR only");
     if (f->is_uncoupled && f->is_mixed && r->element && r->element->type == SB_HEX8)
         inp_note(
             r, r->element_place,
@@ -1310,6 +1338,7 @@ static inline void feb_build(feb_reader *f)
     if (!inp_make_tables(r))
         return;
     inp_apply_entries(r);
+    feb_set_offsets(f);
     feb_press(f);
     if (!r->no_memory && r->c->faults.count == 0)
         inp_add_statements(r);
@@ -1326,6 +1355,7 @@ static inline void feb_free(feb_reader *f)
     free(f->uses.items);
     free(f->pressures.items);
     free(f->parts.items);
+    free(f->offsets.items);
 }
 
 /* Reads a file of FEBio, as case_read does a case. What is wrong is listed in c->faults. */

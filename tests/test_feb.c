@@ -161,8 +161,10 @@ static void test_supports(void)
     m.data = "";
     m.boundary = "<Boundary><bc type=\"fix\" node_set=\"Base\"><dofs>x,y,z</dofs></bc>"
                  "<bc type=\"prescribe\" node_set=\"@surface:Up\"><dof>x</dof><scale>.1</scale></bc>"
-                 "<bc type=\"linear constraint\"><node>16</node><dof>z</dof><offset lc=\"1\">.1</offset>"
+                 "<bc type=\"linear constraint\"><node>16</node><dof>z</dof><offset lc=\"2\">.05</offset>"
                  "<child_dof><node>16</node><dof>x</dof><value>2</value></child_dof></bc></Boundary>\n";
+    m.courses = "<LoadData><load_controller id=\"2\"><points><pt>0,0</pt><pt>1,2</pt></points></load_controller>"
+                "</LoadData>\n";
     CHECK_NEAR(solve_model(&m, 16).z, 0.3, tolerance);
 }
 
@@ -341,6 +343,23 @@ static void test_refused(void)
                 BOUNDARY_LINE + 1, "load_controller math is not read");
 }
 
+/* What a dynamic analysis cannot have is refused wherever its Control stands. */
+static void test_order(void)
+{
+    static const char control[] =
+        "<Step><step id=\"1\"><Control><analysis>DYNAMIC</analysis></Control></step></Step>\n";
+    model m = cube;
+    m.control = "";
+    m.loads = control;
+    m.boundary = "<Boundary><bc type=\"linear constraint\"><node>16</node><dof>z</dof><offset>.1</offset>"
+                 "<child_dof><node>15</node><dof>z</dof><value>1</value></child_dof></bc></Boundary>\n";
+    check_refused(join(&m), BOUNDARY_LINE - 1, "an offset in a dynamic analysis");
+    m.boundary = "<LoadData><load_controller id=\"1\"><interpolate>SMOOTH</interpolate><points><pt>0,0</pt><pt>1,1</pt>"
+                 "</points></load_controller></LoadData>\n";
+    m.courses = "";
+    check_refused(join(&m), BOUNDARY_LINE - 1, "interpolate LINEAR only");
+}
+
 /* Whether FEBio can say a case: all laws but these. */
 static int is_sayable(const case_file *c)
 {
@@ -422,4 +441,5 @@ static void test_random(void)
 
 CHECK_SUITE(feb, {"loads", test_loads}, {"supports", test_supports}, {"a step of format 3.0", test_step},
             {"materials", test_materials}, {"ten mistakes", test_mistakes}, {"mistakes, one at a time", test_refused},
-            {"reference cases there and back", test_reference}, {"random cases there and back", test_random});
+            {"sections in any order", test_order}, {"reference cases there and back", test_reference},
+            {"random cases there and back", test_random});
