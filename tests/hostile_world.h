@@ -33,6 +33,8 @@ typedef struct world {
     sb_heat *heat;
     sb_heat_def heat_def;
     int heat_source, heat_wall;
+    sb_network *network;
+    sb_network_def network_def;
     sb_haptic *haptic; /* a hand at the sphere */
     sb_haptic_def haptic_def;
     sb_tool_def tool_def;
@@ -154,6 +156,12 @@ static const sb_real world_warm[WORLD_NODES] = {300, 301, 302, 303, 304, 305, 30
                                                 314, 315, 316, 317, 318, 319, 320, 321, 322, 323, 324, 325, 326};
 static const sb_real world_even[8] = {REAL(0.125), REAL(0.125), REAL(0.125), REAL(0.125),
                                       REAL(0.125), REAL(0.125), REAL(0.125), REAL(0.125)};
+/* A network of one node and one channel: out = 2 in + 1. */
+static const unsigned char world_weights[84] = {
+    83, 66, 78,  69, 84, 48, 48,  49, 1, 0, 0,   0,  1, 0, 0,   0,  1, 0, 0, 0,  1, 0, 0,   0,  0,   0,   128, 63,
+    0,  0,  128, 63, 0,  0,  128, 63, 0, 0, 128, 63, 0, 0, 128, 62, 1, 0, 0, 0,  1, 0, 0,   0,  1,   0,   0,   0,
+    0,  0,  0,   0,  1,  0,  0,   0,  1, 0, 0,   0,  0, 0, 0,   0,  0, 0, 0, 64, 0, 0, 128, 63, 134, 171, 243, 57};
+static const float world_floats[1] = {3};
 static const sb_real world_spd[9] = {4, 1, 0, 1, 4, 1, 0, 1, 4};
 static const ndl_rod_section world_section = {REAL(0.0005), 0, REAL(2e11), REAL(0.3), 8000};
 static sb_material world_prony, world_rubber;
@@ -526,6 +534,21 @@ static sb_heat *world_heat(world *w)
     CHECK_OK(sb_heat_add_source(w->heat, w->mesh.nodes[0], w->mesh.nodes[26], REAL(0.01), 1, &w->heat_source, NULL));
     CHECK_OK(sb_heat_add_convection(w->heat, world_face(w), 1, 3, 10, 290, &w->heat_wall, NULL));
     return w->heat;
+}
+
+static sb_network_def *world_network_def(world *w)
+{
+    w->network_def = sb_default_network_def();
+    w->network_def.allocator = w->allocator;
+    w->network_def.jobs = w->jobs;
+    return &w->network_def;
+}
+
+static sb_network *world_network(world *w)
+{
+    if (!w->network)
+        CHECK_OK(sb_network_load_memory(world_weights, sizeof world_weights, world_network_def(w), &w->network, NULL));
+    return w->network;
 }
 
 static sb_cut_def *world_cut_def(world *w)
@@ -986,6 +1009,15 @@ static const char *world_ply(world *w)
 }
 static const char *world_file(world *w)
 {
+    w->has_file = 1;
+    return WORLD_FILE;
+}
+static const char *world_weights_file(world *w)
+{
+    FILE *file = fopen(WORLD_FILE, "wb");
+    CHECK(file && fwrite(world_weights, sizeof world_weights, 1, file) == 1);
+    if (file)
+        fclose(file);
     w->has_file = 1;
     return WORLD_FILE;
 }
@@ -1548,6 +1580,7 @@ static void world_free(world *w)
     sb_body_destroy(w->mover);
     sb_haptic_destroy(w->haptic);
     sb_contact_destroy(w->contact);
+    sb_network_destroy(w->network);
     sb_heat_destroy(w->heat);
     sb_body_destroy(w->warm);
     sb_cut_surface_destroy(w->cut_surface);

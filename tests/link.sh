@@ -68,11 +68,11 @@ for element in SB_TET10 ${CHECK_ALL:+SB_TET4 SB_HEX27 SB_CUSTOM}; do
 done
 
 # What a trainer may leave out: a body is made and stepped without it, and its public functions are gone.
-for left_out in "" "-DSB_NO_FILES -DSB_NO_CUT" -DSB_NO_GEOMETRY "-DSB_NO_CONTACT -DSB_NO_IDENTIFY -DSB_NO_PARTICLES -DSB_NO_HEAT" \
-    "-DSB_NO_FILES -DSB_NO_GEOMETRY -DSB_NO_CONTACT -DSB_NO_CUT -DSB_NO_IDENTIFY -DSB_NO_HEAT"; do
+for left_out in "" "-DSB_NO_FILES -DSB_NO_CUT" -DSB_NO_GEOMETRY "-DSB_NO_CONTACT -DSB_NO_IDENTIFY -DSB_NO_PARTICLES -DSB_NO_HEAT -DSB_NO_NETWORK" \
+    "-DSB_NO_FILES -DSB_NO_GEOMETRY -DSB_NO_CONTACT -DSB_NO_CUT -DSB_NO_IDENTIFY -DSB_NO_HEAT -DSB_NO_NETWORK"; do
     c switches.o tests/link/switches.c $left_out
     links "made and stepped: ${left_out:-all}" switches.o
-    files=1 geometry=1 contact=1 cut=1 identify=1 particles=1 heat=1
+    files=1 geometry=1 contact=1 cut=1 identify=1 particles=1 heat=1 network=1
     case $left_out in *FILES*) files=0 ;; esac
     case $left_out in *GEOMETRY*) geometry=0 contact=0 particles=0 ;; esac # tools and particles need surfaces
     case $left_out in *PARTICLES*) particles=0 ;; esac
@@ -80,12 +80,13 @@ for left_out in "" "-DSB_NO_FILES -DSB_NO_CUT" -DSB_NO_GEOMETRY "-DSB_NO_CONTACT
     case $left_out in *CUT*) cut=0 ;; esac
     case $left_out in *IDENTIFY*) identify=0 ;; esac
     case $left_out in *HEAT*) heat=0 ;; esac
+    case $left_out in *NETWORK*) network=0 ;; esac
     there=
     for name in sb_mesh_load sb_surface_create sb_contact_create sb_cut_create sb_body_gradient sb_particles_create \
-        sb_heat_create; do
+        sb_heat_create sb_network_load; do
         there=$there$(nm "$folder/switches.o" | grep -c " T $name\$")
     done
-    [ "$there" = $files$geometry$contact$cut$identify$particles$heat ]
+    [ "$there" = $files$geometry$contact$cut$identify$particles$heat$network ]
     report $? "left out: ${left_out:-nothing}"
 done
 c needle_alone.o tests/link/needle_alone.c -DSB_NO_FILES -DSB_NO_CONTACT -DSB_NO_CUT

@@ -282,6 +282,18 @@ public enum sb_constant
     SB_CONSTANT_FIBRE_TENSION = 9,
     SB_CONSTANT_OGDEN_MU = 10,
 }
+public enum sb_layer_kind
+{
+    SB_LAYER_CONVOLUTION = 1,
+    SB_LAYER_POOL = 2,
+    SB_LAYER_UPSAMPLE = 3,
+    SB_LAYER_JOIN = 4,
+}
+public enum sb_activation
+{
+    SB_ACTIVATION_NONE = 0,
+    SB_ACTIVATION_RELU = 1,
+}
 public enum sb_tool_shape
 {
     SB_TOOL_SPHERE = 1,
@@ -1568,6 +1580,28 @@ public unsafe struct sb_identify_info
     public double weakest;
     public int weakest_parameter;
     public fixed byte hidden[160];
+}
+public struct sb_network { }
+[StructLayout(LayoutKind.Sequential)]
+public unsafe struct sb_network_def
+{
+    public sb_allocator allocator;
+    public sb_jobs jobs;
+    public UIntPtr max_bytes;
+    public uint cookie;
+}
+[StructLayout(LayoutKind.Sequential)]
+public unsafe struct sb_network_shape
+{
+    public fixed int counts[3];
+    public int inputs;
+    public int outputs;
+    public int layers;
+    public sb_vec3 spacing;
+    public double length;
+    public double poisson;
+    public double multiply_adds;
+    public UIntPtr bytes;
 }
 public struct sb_heat { }
 [StructLayout(LayoutKind.Sequential)]
@@ -5095,6 +5129,34 @@ public static unsafe class Native
     /// </summary>
     [DllImport(Library, CallingConvention = CallingConvention.Cdecl)]
     public static extern sb_result sb_identify(sb_identify_def* def, double* values, double* deviations, double* own_shares, sb_identify_info* info, sb_error* error);
+    [DllImport(Library, CallingConvention = CallingConvention.Cdecl)]
+    public static extern sb_network_def sb_default_network_def();
+    /// <summary>
+    /// Loads a weights file; def NULL: defaults. Takes all memory, about 4 bytes for each weight and for each channel of
+    /// each node in each layer. The file may hold anything: all of it is checked before it is used. Errors, with *network
+    /// untouched: SB_ERROR_FILE, SB_ERROR_FORMAT (not a weights file, cut off, too long, a checksum that differs, or layers
+    /// that do not fit one another: error.message names the layer), SB_ERROR_NOT_FINITE (a weight), SB_ERROR_UNSUPPORTED
+    /// (more memory than def.max_bytes), SB_ERROR_ARGUMENT, SB_ERROR_MEMORY.
+    /// </summary>
+    [DllImport(Library, CallingConvention = CallingConvention.Cdecl)]
+    public static extern sb_result sb_network_load(byte* path, sb_network_def* def, sb_network** network, sb_error* error);
+    /// <summary>
+    /// The same of a file's bytes[size], which are not kept.
+    /// </summary>
+    [DllImport(Library, CallingConvention = CallingConvention.Cdecl)]
+    public static extern sb_result sb_network_load_memory(byte* bytes, UIntPtr size, sb_network_def* def, sb_network** network, sb_error* error);
+    [DllImport(Library, CallingConvention = CallingConvention.Cdecl)]
+    public static extern void sb_network_destroy(sb_network* network);
+    [DllImport(Library, CallingConvention = CallingConvention.Cdecl)]
+    public static extern sb_network_shape sb_network_get_shape(sb_network* network);
+    /// <summary>
+    /// output[z][y][x][outputs] = the network's answer to input[z][y][x][inputs], all nodes of the lattice. Allocates
+    /// nothing; same bits for any threads, which share the planes of each layer. Not from two threads at a time. On failure
+    /// the output is untouched: SB_ERROR_ARGUMENT (NULL), SB_ERROR_NOT_FINITE (the input, or what floats cannot hold came
+    /// out). Denormal numbers are computed with as any, and take longer.
+    /// </summary>
+    [DllImport(Library, CallingConvention = CallingConvention.Cdecl)]
+    public static extern sb_result sb_network_run(sb_network* network, float* input, float* output);
     [DllImport(Library, CallingConvention = CallingConvention.Cdecl)]
     public static extern sb_heat_tissue sb_default_heat_tissue();
     [DllImport(Library, CallingConvention = CallingConvention.Cdecl)]

@@ -366,6 +366,12 @@
 #define sb_recording_gradient sb_recording_gradient_f32
 #define sb_default_identify_def sb_default_identify_def_f32
 #define sb_identify sb_identify_f32
+#define sb_default_network_def sb_default_network_def_f32
+#define sb_network_load sb_network_load_f32
+#define sb_network_load_memory sb_network_load_memory_f32
+#define sb_network_destroy sb_network_destroy_f32
+#define sb_network_get_shape sb_network_get_shape_f32
+#define sb_network_run sb_network_run_f32
 #define sb_default_heat_tissue sb_default_heat_tissue_f32
 #define sb_default_heat_def sb_default_heat_def_f32
 #define sb_heat_create sb_heat_create_f32

@@ -37,6 +37,7 @@
  *     SB_NO_CONTACT      leaves out sb_contact and sb_haptic.
  *     SB_NO_CUT          leaves out sb_cut.
  *     SB_NO_HEAT         leaves out sb_heat.
+ *     SB_NO_NETWORK      leaves out sb_network.
  *     SB_NO_IDENTIFY     leaves out derivatives (sb_body_gradient and its kin) and what is identified by them.
  *                        docs/questions.md tells what these save.
  *     SB_ALLOW_FAST_MATH insist on -ffast-math, which otherwise is an error: it breaks determinism and NaN checks.
@@ -119,6 +120,7 @@
  * constraints  linear equations among displacements, exact: sb_body_add_constraint; sb_body_tie_faces glues meshes.
  * state        sb_body_state_save and _load: back to a moment, in memory or a file; what follows has the same bits.
  * sb_heat      temperatures in a body, perfused tissue that dies of them, and stiffness that follows: ablation.
+ * sb_network   a trained network on the nodes of a lattice: loaded from a weights file and run.
  * recording    sb_recording_start: every call on a body, to be replayed; says which step differs, and where.
  *
  * sb_surface   triangles that answer: closest point, ray, signed distance, winding number. sb_surface_check reports

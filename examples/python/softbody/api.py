@@ -228,6 +228,12 @@ SB_IDENTIFY_HIDDEN = 1
 SB_IDENTIFY_MISFIT = 2
 SB_IDENTIFY_BOUND = 4
 SB_IDENTIFY_LOCKS = 8
+SB_LAYER_CONVOLUTION = 1
+SB_LAYER_POOL = 2
+SB_LAYER_UPSAMPLE = 3
+SB_LAYER_JOIN = 4
+SB_ACTIVATION_NONE = 0
+SB_ACTIVATION_RELU = 1
 SB_TOOL_SPHERE = 1
 SB_TOOL_CAPSULES = 2
 SB_TOOL_BOX = 3
@@ -447,6 +453,9 @@ class sb_recording_slopes(Structure): pass
 class sb_measurement(Structure): pass
 class sb_identify_def(Structure): pass
 class sb_identify_info(Structure): pass
+class sb_network(Structure): pass
+class sb_network_def(Structure): pass
+class sb_network_shape(Structure): pass
 class sb_heat(Structure): pass
 class sb_heat_tissue(Structure): pass
 class sb_heat_region(Structure): pass
@@ -1444,6 +1453,23 @@ sb_identify_info._fields_ = [
     ("weakest", c_double),
     ("weakest_parameter", c_int),
     ("hidden", c_char * 160),
+]
+sb_network_def._fields_ = [
+    ("allocator", sb_allocator),
+    ("jobs", sb_jobs),
+    ("max_bytes", c_size_t),
+    ("cookie", c_uint),
+]
+sb_network_shape._fields_ = [
+    ("counts", c_int * 3),
+    ("inputs", c_int),
+    ("outputs", c_int),
+    ("layers", c_int),
+    ("spacing", sb_vec3),
+    ("length", c_double),
+    ("poisson", c_double),
+    ("multiply_adds", c_double),
+    ("bytes", c_size_t),
 ]
 sb_heat_tissue._fields_ = [
     ("conductivity", c_double),
@@ -2718,6 +2744,12 @@ FUNCTIONS = {  # name: (what it returns, parameters)
     "sb_recording_gradient": (c_int, (POINTER(sb_recording), POINTER(sb_body), POINTER(sb_recording_loss), POINTER(sb_parameter), c_int, POINTER(sb_recording_slopes), POINTER(sb_error), )),
     "sb_default_identify_def": (sb_identify_def, ()),
     "sb_identify": (c_int, (POINTER(sb_identify_def), POINTER(c_double), POINTER(c_double), POINTER(c_double), POINTER(sb_identify_info), POINTER(sb_error), )),
+    "sb_default_network_def": (sb_network_def, ()),
+    "sb_network_load": (c_int, (c_char_p, POINTER(sb_network_def), POINTER(POINTER(sb_network)), POINTER(sb_error), )),
+    "sb_network_load_memory": (c_int, (POINTER(c_ubyte), c_size_t, POINTER(sb_network_def), POINTER(POINTER(sb_network)), POINTER(sb_error), )),
+    "sb_network_destroy": (None, (POINTER(sb_network), )),
+    "sb_network_get_shape": (sb_network_shape, (POINTER(sb_network), )),
+    "sb_network_run": (c_int, (POINTER(sb_network), POINTER(c_float), POINTER(c_float), )),
     "sb_default_heat_tissue": (sb_heat_tissue, ()),
     "sb_default_heat_def": (sb_heat_def, ()),
     "sb_heat_create": (c_int, (POINTER(sb_body), POINTER(sb_heat_def), POINTER(POINTER(sb_heat)), POINTER(sb_error), )),
@@ -3271,6 +3303,9 @@ DOCUMENTATION = {
     'sb_body_gradient': "Gradient of a loss J(u, reactions) with respect to any number of parameters by one solve (adjoint).\n  dj_du         [node_count] dJ/du (J's unit per m); or NULL: 0\n  dj_dreaction  [node_count] dJ/d(reaction) (per N), of no effect on axes that are free; or NULL: 0\n  parameters    [parameter_count], NULL where parameter_count is 0\n  gradient      [parameter_count] dJ/dp: what goes through the equilibrium. What J has of p by itself is to be added\n  dj_dforce     [node_count] dJ/d(dead force on each node) (per N), or NULL\nErrors as sb_body_sensitivities.\nMethod: K^T l = dJ/du + K^T w with w = dJ/dR on supports, m = l - w, dJ/dp = -m . dr/dp; of supports\ndJ/du - K^T m.",
     'sb_recording_gradient': "Gradient of a loss over all steps of a recording with respect to any number of parameters: one linear solve for each\nstep, whatever their number.\n  recording   of steps of implicit Euler that are iterated (sb_body_def.max_newton > 1) to newton_tolerance 1e-6 or\n              less, of any lengths; what was called before the first step is where it began\n  body        as of sb_recording_replay, and no recording listens to it. It ends as the recording does; on failure it\n              is what it was before\n  loss        see above\n  parameters  [parameter_count], of every kind but SB_PARAMETER_SUPPORT. A parameter that calls changed between steps\n              has all of its values shifted alike, and one of a load is of the steps in which the load was there\nCalls between steps count as given: a node held where it was is held at that place, whatever moves it there.\nErrors: those of sb_body_gradient and sb_recording_replay, about steps by number; SB_ERROR_UNSUPPORTED: another\nintegrator or linearised steps, whose derivatives would need those of the tangent; Prony terms; damping in proportion\nto stiffness unless all materials are linear; damping by regions; a body whose mesh may change (def.slack); contact\nthat presses; the density of a grid's elements; calls after the first step that set displacements, velocities or a\nstate, or solve for a rest.\nCost: the recording is played twice, and per step a tangent is made, factored up to 10,000 nodes, and solved with.\nMemory, for the time of the call: some 2 sqrt(steps) saved states and displacements.\nMethod: adjoint. With A = M/dt^2 + D/dt + K at the end of a step, backwards: A l = dJ/du + U + V/dt, then\nU = (M/dt^2 + D/dt) l - V/dt and V = M l/dt of the step before; dJ/dp -= l . dr/dp, dJ/df = l.",
     'sb_identify': "Finds values[count + free_count], which come in as the start.\n  deviations   [count + free_count] standard deviations in the values' units, or NULL\n  own_shares   [count + free_count] or NULL: of what a value changes in the readings, the share (of its square, in\n               units of sigma) that no other values could change instead: 1 alone, 0 hidden by the others\n  info, error  may be NULL\nDerivatives are those of sb_body_sensitivities; one static solve for each state and trial, from the last accepted\nshape. The body ends with the values, at the equilibrium of the last state. On failure values and outputs are\nuntouched and the body has its materials, shape and what `parameters` name again, but other loads and supports as\n`apply` has left them:\nSB_ERROR_ARGUMENT (the def; a start out of range; YOUNG or POISSON together with CONSTANT of one region),\nSB_ERROR_UNSUPPORTED (a kind that is not among those above; what sb_body_sensitivities does not derive),\nSB_ERROR_INDEX, SB_ERROR_NOT_FINITE, SB_ERROR_INDEFINITE (fewer readings than values, or a direction that no reading\nsees: the message names it), SB_ERROR_NOT_CONVERGED (max_iterations; or no step lowers chi2 any more, far from a\nminimum), SB_ERROR_MEMORY; what a static solve at the start, or `apply`, fails with.\nMethod: Levenberg-Marquardt in log (nu: nu = 1/2 logistic(q); gravity, forces, pressures as they are), steps of at\nmost 1 there; a trial whose solve fails counts as one that does not help. A value at a bound that would leave stays\nthere, and the others take the step that is best with it there. Ends when chi2 falls by less than 1e-6 of itself or\nvalues move by less than 1e-8.",
+    'sb_network_load': 'Loads a weights file; def NULL: defaults. Takes all memory, about 4 bytes for each weight and for each channel of\neach node in each layer. The file may hold anything: all of it is checked before it is used. Errors, with *network\nuntouched: SB_ERROR_FILE, SB_ERROR_FORMAT (not a weights file, cut off, too long, a checksum that differs, or layers\nthat do not fit one another: error.message names the layer), SB_ERROR_NOT_FINITE (a weight), SB_ERROR_UNSUPPORTED\n(more memory than def.max_bytes), SB_ERROR_ARGUMENT, SB_ERROR_MEMORY.',
+    'sb_network_load_memory': "The same of a file's bytes[size], which are not kept.",
+    'sb_network_run': "output[z][y][x][outputs] = the network's answer to input[z][y][x][inputs], all nodes of the lattice. Allocates\nnothing; same bits for any threads, which share the planes of each layer. Not from two threads at a time. On failure\nthe output is untouched: SB_ERROR_ARGUMENT (NULL), SB_ERROR_NOT_FINITE (the input, or what floats cannot hold came\nout). Denormal numbers are computed with as any, and take longer.",
     'sb_heat_create': "Heat of a body, one for each at most. Takes all memory for steps from the body's allocator. It becomes part of the\nbody's saved states, recordings and hashes: create it in the body that loads them, too. Destroy it before the body.\nThe def's arrays are copied. Errors, with *heat untouched: SB_ERROR_ARGUMENT (the field, element or region is named;\nthe body has one already), SB_ERROR_NOT_FINITE, SB_ERROR_INDEX (a region that the mesh does not have),\nSB_ERROR_UNSUPPORTED (def.slack, or clouds), SB_ERROR_MEMORY.",
     'sb_heat_destroy': 'The body is as stiff as its materials again. NULL is fine.',
     'sb_heat_hold': 'The nodes have these temperatures (K, > 0) from the next step on; one for all when uniform is 1.',

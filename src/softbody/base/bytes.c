@@ -28,6 +28,23 @@ SBI_API sb_real sbi_real_of(uint64_t word)
     return value;
 }
 
+/* ---- checksums ---- */
+
+/* Four bits at a time. */
+SBI_API uint32_t sbi_crc32(const unsigned char *data, size_t size)
+{
+    static const uint32_t nibbles[16] = {0x00000000, 0x1DB71064, 0x3B6E20C8, 0x26D930AC, 0x76DC4190, 0x6B6B51F4,
+                                         0x4DB26158, 0x5005713C, 0xEDB88320, 0xF00F9344, 0xD6D6A3E8, 0xCB61B38C,
+                                         0x9B64C2B0, 0x86D3D2D4, 0xA00AE278, 0xBDBDF21C};
+    uint32_t crc = 0xFFFFFFFFu;
+    for (size_t i = 0; i < size; i++) {
+        crc ^= data[i];
+        crc = crc >> 4 ^ nibbles[crc & 15];
+        crc = crc >> 4 ^ nibbles[crc & 15];
+    }
+    return crc ^ 0xFFFFFFFFu;
+}
+
 /* ---- images ---- */
 
 static uint64_t sbi_image_checksum(const unsigned char *bytes, size_t size)

@@ -37,6 +37,9 @@ SB_INLINE int sbi_int_of(uint64_t word)
 SBI_API uint64_t sbi_real_bits(sb_real value);
 SBI_API sb_real sbi_real_of(uint64_t bits);
 
+/* CRC-32 of gzip and zip: RFC 1952. */
+SBI_API uint32_t sbi_crc32(const unsigned char *data, size_t size);
+
 /* An image is head, content, checksum. Writes head and checksum around a content that is there already;
  * magic: 8 bytes. */
 SBI_API void sbi_image_seal(unsigned char *image, size_t size, const char *magic, uint32_t version);

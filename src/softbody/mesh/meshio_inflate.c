@@ -3,6 +3,8 @@
  * The stream is untrusted: the output grows with what is really unpacked, never with what the stream claims. */
 #include "meshio_reader.h"
 
+#include "../base/bytes.h"
+
 #include <string.h>
 
 enum { SBI_INFLATE_BITS = 15, SBI_INFLATE_LENGTHS = 288, SBI_INFLATE_DISTANCES = 30 };
@@ -330,21 +332,6 @@ SBI_API const char *sbi_inflate(const sb_allocator *allocator, const unsigned ch
     return NULL;
 }
 
-/* CRC-32 of RFC 1952, four bits at a time. */
-static uint32_t sbi_inflate_crc(const unsigned char *data, size_t size)
-{
-    static const uint32_t nibbles[16] = {0x00000000, 0x1DB71064, 0x3B6E20C8, 0x26D930AC, 0x76DC4190, 0x6B6B51F4,
-                                         0x4DB26158, 0x5005713C, 0xEDB88320, 0xF00F9344, 0xD6D6A3E8, 0xCB61B38C,
-                                         0x9B64C2B0, 0x86D3D2D4, 0xA00AE278, 0xBDBDF21C};
-    uint32_t crc = 0xFFFFFFFFu;
-    for (size_t i = 0; i < size; i++) {
-        crc ^= data[i];
-        crc = crc >> 4 ^ nibbles[crc & 15];
-        crc = crc >> 4 ^ nibbles[crc & 15];
-    }
-    return crc ^ 0xFFFFFFFFu;
-}
-
 /* Bytes of the header of a gzip member; 0: it is none, or cut off. */
 static size_t sbi_inflate_gzip_header(const unsigned char *data, size_t size)
 {
@@ -381,8 +368,7 @@ SBI_API const char *sbi_gunzip(const sb_allocator *allocator, const unsigned cha
     for (size_t i = 0; i < 8; i++)
         tail[i / 4] |= (uint32_t)data[end + i] << (8 * (i % 4));
     length = out_end - *out_size;
-    if (tail[0] != sbi_inflate_crc(*out ? *out + *out_size : NULL, length) ||
-        tail[1] != (uint32_t)(length & 0xFFFFFFFFu))
+    if (tail[0] != sbi_crc32(*out ? *out + *out_size : NULL, length) || tail[1] != (uint32_t)(length & 0xFFFFFFFFu))
         return "its checksum is wrong";
     if (size - end > 8)
         return "something follows its end";

@@ -5,6 +5,7 @@
 
 #include "meshio.h"
 
+#include "../base/input.h"
 #include "../base/output.h"
 #include "../base/sort.h"
 
@@ -351,13 +352,6 @@ SBI_API sb_result sbi_voxels_set(const sbi_loader *loader, const sbi_reader *rea
 /* Copies the options or their defaults; refuses those out of range. */
 SBI_API sb_result sbi_load_options_resolve(const sb_load_options *options, sb_load_options *resolved, sb_error *error);
 
-/* The content of a file. */
-typedef struct sbi_file {
-    char *data;
-    size_t size;
-} sbi_file;
-/* The whole file; content->data is to be freed, also after a failure. */
-SBI_API sb_result sbi_file_read(const sb_allocator *allocator, const char *path, sbi_file *content, sb_error *error);
 /* Points the loader's reader to a file's content, behind the byte order mark that some programs put before
  * text. */
 SBI_API void sbi_loader_set_content(sbi_loader *loader, const char *data, size_t size, const char *name);
