@@ -3,6 +3,7 @@
 #define HOSTILE_WORLD_H
 
 #include "needle.h"
+#include "network_scene.h"
 #include "register.h"
 #include "scene.h"
 #include "softbody.h"
@@ -33,9 +34,11 @@ typedef struct world {
     sb_heat *heat;
     sb_heat_def heat_def;
     int heat_source, heat_wall;
-    sb_network *network;
+    sb_network *network, *guesser; /* the latter of the grid and its body */
     sb_network_def network_def;
-    sb_haptic *haptic; /* a hand at the sphere */
+    sb_network_input network_input;
+    sb_body *grid_body; /* of the grid */
+    sb_haptic *haptic;  /* a hand at the sphere */
     sb_haptic_def haptic_def;
     sb_tool_def tool_def;
     sb_pose tool_pose;
@@ -855,6 +858,47 @@ static sb_grid *world_grid(world *w)
     return &w->grid;
 }
 
+static sb_body *world_grid_body(world *w)
+{
+    sb_body_def def = sb_default_body_def();
+    def.mesh = &world_grid(w)->body_mesh;
+    def.domain = &w->grid.domain;
+    def.material = w->material;
+    def.allocator = w->allocator;
+    if (!w->grid_body)
+        CHECK_OK(sb_body_create(&def, &w->grid_body, NULL));
+    return w->grid_body;
+}
+
+static sb_network *world_guesser(world *w)
+{
+    const sb_grid *grid = world_grid(w);
+    const sb_real reals[5] = {grid->cell_size.x, grid->cell_size.y, grid->cell_size.z, 1,
+                              sb_material_poisson(&w->material)};
+    unsigned long long random = 1;
+    network_file file;
+    if (w->guesser)
+        return w->guesser;
+    file = network_begin(grid->counts[0] + 1, grid->counts[1] + 1, grid->counts[2] + 1, SB_NETWORK_CHANNELS);
+    for (int k = 0; k < 5; k++)
+        file.reals[k] = (float)reals[k];
+    network_add(&file, SB_LAYER_CONVOLUTION, 1, 0, 3, SB_ACTIVATION_NONE, 0.1, &random);
+    network_end(&file);
+    CHECK_OK(sb_network_load_memory(file.bytes, file.size, world_network_def(w), &w->guesser, NULL));
+    network_file_free(&file);
+    return w->guesser;
+}
+
+static sb_network_input *world_network_input(world *w)
+{
+    w->network_input = sb_default_network_input();
+    w->network_input.nodes = w->ints;
+    w->network_input.displacements = w->vectors;
+    w->network_input.count = 1;
+    w->network_input.policy = SB_NETWORK_KEEP;
+    return &w->network_input;
+}
+
 static sb_mixture_def *world_mixture_def(world *w)
 {
     w->mixture_def = sb_default_mixture_def();
@@ -1567,6 +1611,7 @@ static void world_free(world *w)
     sb_grid_free(&w->grid);
     sb_mixture_free(&w->mixture);
     sb_body_destroy(w->cloud_body);
+    sb_body_destroy(w->grid_body);
     sb_particles_free(&w->particles);
     sb_surface_destroy(w->shape);
     sb_embedding_destroy(w->embedding);
@@ -1581,6 +1626,7 @@ static void world_free(world *w)
     sb_haptic_destroy(w->haptic);
     sb_contact_destroy(w->contact);
     sb_network_destroy(w->network);
+    sb_network_destroy(w->guesser);
     sb_heat_destroy(w->heat);
     sb_body_destroy(w->warm);
     sb_cut_surface_destroy(w->cut_surface);

@@ -224,7 +224,7 @@ static void test_forged(void)
     unsigned char *copy = (unsigned char *)malloc(file.size);
     size_t head = NETWORK_HEAD + NETWORK_LAYER * (size_t)file.layer_count;
     unsigned long long random = 8;
-    int loaded = 0, rounds = check_rounds(20000);
+    int loaded = 0, rounds = check_rounds(5000);
     check_bad_numbers();
     for (int k = 0; k < rounds; k++) {
         static const unsigned long words[8] = {0, 1, 2, 3, 4096, 0x7FFFFFFF, 0x80000000UL, 0xFFFFFFFFUL};

@@ -294,6 +294,12 @@ public enum sb_activation
     SB_ACTIVATION_NONE = 0,
     SB_ACTIVATION_RELU = 1,
 }
+public enum sb_network_policy
+{
+    SB_NETWORK_TAKE = 1,
+    SB_NETWORK_START = 2,
+    SB_NETWORK_KEEP = 3,
+}
 public enum sb_tool_shape
 {
     SB_TOOL_SPHERE = 1,
@@ -1603,6 +1609,28 @@ public unsafe struct sb_network_shape
     public double multiply_adds;
     public UIntPtr bytes;
 }
+[StructLayout(LayoutKind.Sequential)]
+public unsafe struct sb_network_input
+{
+    public int* nodes;
+    public sb_vec3* displacements;
+    public int count;
+    public sb_network_policy policy;
+    public double limit;
+    public sb_static_options* statics;
+    public uint cookie;
+}
+[StructLayout(LayoutKind.Sequential)]
+public unsafe struct sb_network_info
+{
+    public int taken;
+    public double size;
+    public double force;
+    public double residual;
+    public double from_rest;
+    public double from_last;
+    public sb_step_info solve;
+}
 public struct sb_heat { }
 [StructLayout(LayoutKind.Sequential)]
 public unsafe struct sb_heat_tissue
@@ -2747,6 +2775,7 @@ public static unsafe class Native
     public const int SB_IDENTIFY_MISFIT = 2;
     public const int SB_IDENTIFY_BOUND = 4;
     public const int SB_IDENTIFY_LOCKS = 8;
+    public const int SB_NETWORK_CHANNELS = 7;
     public const int SB_TOOL_MAX_POINTS = 64;
     public const int SB_TOOL_MIN_CELLS = 16;
     public const int SB_TOOL_MAX_CELLS = 128;
@@ -5157,6 +5186,19 @@ public static unsafe class Native
     /// </summary>
     [DllImport(Library, CallingConvention = CallingConvention.Cdecl)]
     public static extern sb_result sb_network_run(sb_network* network, float* input, float* output);
+    [DllImport(Library, CallingConvention = CallingConvention.Cdecl)]
+    public static extern sb_network_input sb_default_network_input();
+    /// <summary>
+    /// Guesses the equilibrium of a body of this grid (made from grid-&gt;body_mesh, with nodes as they were made) under its
+    /// present loads and supports. Supports and slaves of constraints are put where they belong. info and error may be NULL.
+    /// SB_NETWORK_TAKE allocates nothing. On failure the body is as it was: SB_ERROR_ARGUMENT (a field, or a grid that is
+    /// not the body's or does not fit the network's lattice, spacing within 1e-3), SB_ERROR_MATERIAL (a material whose
+    /// Poisson's ratio is off the network's by more than 0.005), SB_ERROR_INDEX and SB_ERROR_NOT_FINITE naming the node,
+    /// SB_ERROR_UNSUPPORTED (a network with other channels; tools in the body's contact; def.slack), what the network
+    /// refuses, what sb_body_solve_static refuses. A guess that is inside out is no failure: it does not pass.
+    /// </summary>
+    [DllImport(Library, CallingConvention = CallingConvention.Cdecl)]
+    public static extern sb_result sb_network_predict(sb_network* network, sb_grid* grid, sb_body* body, sb_network_input* input, sb_network_info* info, sb_error* error);
     [DllImport(Library, CallingConvention = CallingConvention.Cdecl)]
     public static extern sb_heat_tissue sb_default_heat_tissue();
     [DllImport(Library, CallingConvention = CallingConvention.Cdecl)]

@@ -372,6 +372,8 @@
 #define sb_network_destroy sb_network_destroy_f32
 #define sb_network_get_shape sb_network_get_shape_f32
 #define sb_network_run sb_network_run_f32
+#define sb_default_network_input sb_default_network_input_f32
+#define sb_network_predict sb_network_predict_f32
 #define sb_default_heat_tissue sb_default_heat_tissue_f32
 #define sb_default_heat_def sb_default_heat_def_f32
 #define sb_heat_create sb_heat_create_f32

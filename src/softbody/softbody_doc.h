@@ -120,7 +120,8 @@
  * constraints  linear equations among displacements, exact: sb_body_add_constraint; sb_body_tie_faces glues meshes.
  * state        sb_body_state_save and _load: back to a moment, in memory or a file; what follows has the same bits.
  * sb_heat      temperatures in a body, perfused tissue that dies of them, and stiffness that follows: ablation.
- * sb_network   a trained network on the nodes of a lattice: loaded from a weights file and run.
+ * sb_network   a trained network on the nodes of a lattice: loaded from a weights file and run; sb_network_predict
+ *              weighs what it guesses of a static solve, takes it or starts the solve from it.
  * recording    sb_recording_start: every call on a body, to be replayed; says which step differs, and where.
  *
  * sb_surface   triangles that answer: closest point, ray, signed distance, winding number. sb_surface_check reports

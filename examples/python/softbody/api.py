@@ -234,6 +234,10 @@ SB_LAYER_UPSAMPLE = 3
 SB_LAYER_JOIN = 4
 SB_ACTIVATION_NONE = 0
 SB_ACTIVATION_RELU = 1
+SB_NETWORK_CHANNELS = 7
+SB_NETWORK_TAKE = 1
+SB_NETWORK_START = 2
+SB_NETWORK_KEEP = 3
 SB_TOOL_SPHERE = 1
 SB_TOOL_CAPSULES = 2
 SB_TOOL_BOX = 3
@@ -456,6 +460,8 @@ class sb_identify_info(Structure): pass
 class sb_network(Structure): pass
 class sb_network_def(Structure): pass
 class sb_network_shape(Structure): pass
+class sb_network_input(Structure): pass
+class sb_network_info(Structure): pass
 class sb_heat(Structure): pass
 class sb_heat_tissue(Structure): pass
 class sb_heat_region(Structure): pass
@@ -1470,6 +1476,24 @@ sb_network_shape._fields_ = [
     ("poisson", c_double),
     ("multiply_adds", c_double),
     ("bytes", c_size_t),
+]
+sb_network_input._fields_ = [
+    ("nodes", POINTER(c_int)),
+    ("displacements", POINTER(sb_vec3)),
+    ("count", c_int),
+    ("policy", c_int),
+    ("limit", c_double),
+    ("statics", POINTER(sb_static_options)),
+    ("cookie", c_uint),
+]
+sb_network_info._fields_ = [
+    ("taken", c_int),
+    ("size", c_double),
+    ("force", c_double),
+    ("residual", c_double),
+    ("from_rest", c_double),
+    ("from_last", c_double),
+    ("solve", sb_step_info),
 ]
 sb_heat_tissue._fields_ = [
     ("conductivity", c_double),
@@ -2750,6 +2774,8 @@ FUNCTIONS = {  # name: (what it returns, parameters)
     "sb_network_destroy": (None, (POINTER(sb_network), )),
     "sb_network_get_shape": (sb_network_shape, (POINTER(sb_network), )),
     "sb_network_run": (c_int, (POINTER(sb_network), POINTER(c_float), POINTER(c_float), )),
+    "sb_default_network_input": (sb_network_input, ()),
+    "sb_network_predict": (c_int, (POINTER(sb_network), POINTER(sb_grid), POINTER(sb_body), POINTER(sb_network_input), POINTER(sb_network_info), POINTER(sb_error), )),
     "sb_default_heat_tissue": (sb_heat_tissue, ()),
     "sb_default_heat_def": (sb_heat_def, ()),
     "sb_heat_create": (c_int, (POINTER(sb_body), POINTER(sb_heat_def), POINTER(POINTER(sb_heat)), POINTER(sb_error), )),
@@ -3306,6 +3332,7 @@ DOCUMENTATION = {
     'sb_network_load': 'Loads a weights file; def NULL: defaults. Takes all memory, about 4 bytes for each weight and for each channel of\neach node in each layer. The file may hold anything: all of it is checked before it is used. Errors, with *network\nuntouched: SB_ERROR_FILE, SB_ERROR_FORMAT (not a weights file, cut off, too long, a checksum that differs, or layers\nthat do not fit one another: error.message names the layer), SB_ERROR_NOT_FINITE (a weight), SB_ERROR_UNSUPPORTED\n(more memory than def.max_bytes), SB_ERROR_ARGUMENT, SB_ERROR_MEMORY.',
     'sb_network_load_memory': "The same of a file's bytes[size], which are not kept.",
     'sb_network_run': "output[z][y][x][outputs] = the network's answer to input[z][y][x][inputs], all nodes of the lattice. Allocates\nnothing; same bits for any threads, which share the planes of each layer. Not from two threads at a time. On failure\nthe output is untouched: SB_ERROR_ARGUMENT (NULL), SB_ERROR_NOT_FINITE (the input, or what floats cannot hold came\nout). Denormal numbers are computed with as any, and take longer.",
+    'sb_network_predict': "Guesses the equilibrium of a body of this grid (made from grid->body_mesh, with nodes as they were made) under its\npresent loads and supports. Supports and slaves of constraints are put where they belong. info and error may be NULL.\nSB_NETWORK_TAKE allocates nothing. On failure the body is as it was: SB_ERROR_ARGUMENT (a field, or a grid that is\nnot the body's or does not fit the network's lattice, spacing within 1e-3), SB_ERROR_MATERIAL (a material whose\nPoisson's ratio is off the network's by more than 0.005), SB_ERROR_INDEX and SB_ERROR_NOT_FINITE naming the node,\nSB_ERROR_UNSUPPORTED (a network with other channels; tools in the body's contact; def.slack), what the network\nrefuses, what sb_body_solve_static refuses. A guess that is inside out is no failure: it does not pass.",
     'sb_heat_create': "Heat of a body, one for each at most. Takes all memory for steps from the body's allocator. It becomes part of the\nbody's saved states, recordings and hashes: create it in the body that loads them, too. Destroy it before the body.\nThe def's arrays are copied. Errors, with *heat untouched: SB_ERROR_ARGUMENT (the field, element or region is named;\nthe body has one already), SB_ERROR_NOT_FINITE, SB_ERROR_INDEX (a region that the mesh does not have),\nSB_ERROR_UNSUPPORTED (def.slack, or clouds), SB_ERROR_MEMORY.",
     'sb_heat_destroy': 'The body is as stiff as its materials again. NULL is fine.',
     'sb_heat_hold': 'The nodes have these temperatures (K, > 0) from the next step on; one for all when uniform is 1.',

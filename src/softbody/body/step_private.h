@@ -115,7 +115,19 @@ SBI_API sb_real sbi_static_floor(const sbi_step *step);
 SBI_API void sbi_static_take_direct(sbi_step *step);
 SBI_API void sbi_static_give_back_direct(sbi_step *step);
 
+/* ---- step_static.c ---- */
+/* external = equilibrated + factor (present loads - equilibrated); gravity pulls at int rho N dV. */
+SBI_API void sbi_static_loads(sb_body *body, sb_real factor);
+
 /* ---- step_start.c: of static solves ---- */
+/* Twins of all materials, corotated, to be freed; NULL: no memory. */
+SBI_API sb_material *sbi_start_twins(const sb_body *body, sb_real duration);
+/* The assembly goes by other materials from here on; with the rotations' warm starts that follow from no history. */
+SBI_API void sbi_start_use(sb_body *body, const sb_material *materials);
+SBI_API void sbi_start_use_own(sb_body *body, sb_real duration);
+/* From the displacement, whose forces are current, to the least potential of corotated materials with the rotations of
+ * there held, which one system finds: into work2. */
+SBI_API sb_result sbi_start_hold(sbi_step *step);
 /* 1 when the solve may start from rotations. */
 SBI_API int sbi_static_may_start(const sbi_step *step, sb_start start);
 /* In place of the first iteration, whose system is made: to where rotations lead, or where the line search does.
@@ -216,6 +228,9 @@ SBI_API void sbi_step_trial(const sbi_step *step, sb_real t);
  * move, as much lower than the present one as a line search asks for: 1. Otherwise 0, and nothing but `end`
  * (overwritten) has changed. Of static solves without tools. */
 SBI_API int sbi_step_take_lower(sbi_step *step, sb_vec3 *end);
+/* The potential at the end of the whole increment above that here (J), whose forces are current; INFINITY where the
+ * material does not admit that end. Of static solves without tools. */
+SBI_API sb_real sbi_step_change(sbi_step *step);
 /* Moves the displacement by the increment, or the share of it that the line search admits. */
 SBI_API sb_result sbi_step_accept(sbi_step *step);
 

@@ -281,6 +281,17 @@ SBI_API int sbi_step_take_lower(sbi_step *step, sb_vec3 *end)
     return 0;
 }
 
+SBI_API sb_real sbi_step_change(sbi_step *step)
+{
+    sb_real energy = 0, change = 0;
+    int bad = -1;
+    if (!sbi_step_try(step, step->body->displacement, &step->energy, &bad))
+        return (sb_real)INFINITY;
+    step->energy_known = 1;
+    (void)sbi_step_weigh_end(step, &energy, &change);
+    return change;
+}
+
 SBI_API sb_result sbi_step_accept(sbi_step *step)
 {
     sb_body *b = step->body;

@@ -17,8 +17,7 @@ static sb_material sbi_start_twin(const sb_material *material, sb_real duration)
     return twin;
 }
 
-/* Twins of all materials, to be freed; NULL: no memory. */
-static sb_material *sbi_start_twins(const sb_body *b, sb_real duration)
+SBI_API sb_material *sbi_start_twins(const sb_body *b, sb_real duration)
 {
     sb_material *twins = (sb_material *)sbi_alloc(&b->allocator, (size_t)b->material_count, sizeof *twins);
     for (int i = 0; twins && i < b->material_count; i++)
@@ -26,15 +25,14 @@ static sb_material *sbi_start_twins(const sb_body *b, sb_real duration)
     return twins;
 }
 
-/* The assembly goes by other materials from here on; with the rotations' warm starts that follow from no history. */
-static void sbi_start_use(sb_body *b, const sb_material *materials)
+SBI_API void sbi_start_use(sb_body *b, const sb_material *materials)
 {
     sbi_assembly_set_materials(&b->assembly, materials, b->material_count, b->cell_material);
     sbi_assembly_reset_rotations(&b->assembly);
     b->force_current = 0;
 }
 
-static void sbi_start_use_own(sb_body *b, sb_real duration)
+SBI_API void sbi_start_use_own(sb_body *b, sb_real duration)
 {
     sbi_assembly_set_materials(&b->assembly, b->materials, b->material_count, b->cell_material);
     sbi_assembly_restore_rotations(&b->assembly);
@@ -42,17 +40,9 @@ static void sbi_start_use_own(sb_body *b, sb_real duration)
     b->force_current = 0;
 }
 
-/* From the displacement to the least potential of corotated materials with the rotations of there held, which one
- * system finds: into work2. SB_ERROR_UNSUPPORTED where forces are not far from balance there already: measured over the
- * static solves of the tests, it saves 2 to 9 iterations of 8 to 34 above this bound and costs one below it. */
-static sb_result sbi_start_smooth(sbi_step *step)
+SBI_API sb_result sbi_start_hold(sbi_step *step)
 {
-    const sb_real far = 2; /* of the loads */
-    sb_result result = sbi_step_evaluate(step);
-    if (result != SB_OK)
-        return result;
-    if (!(step->norm > far * step->scale))
-        return SB_ERROR_UNSUPPORTED;
+    sb_result result;
     step->kind = SB_TANGENT_QUASI;
     sbi_step_tangent(step, step->kind);
     result = sbi_step_make_system(step);
@@ -61,6 +51,20 @@ static sb_result sbi_start_smooth(sbi_step *step)
     if (result == SB_OK)
         sbi_step_trial(step, 1);
     return result;
+}
+
+/* The same, whose forces are not current. SB_ERROR_UNSUPPORTED where forces are not far from balance there already:
+ * measured over the static solves of the tests, it saves 2 to 9 iterations of 8 to 34 above this bound and costs one
+ * below it. */
+static sb_result sbi_start_smooth(sbi_step *step)
+{
+    const sb_real far = 2; /* of the loads */
+    sb_result result = sbi_step_evaluate(step);
+    if (result != SB_OK)
+        return result;
+    if (!(step->norm > far * step->scale))
+        return SB_ERROR_UNSUPPORTED;
+    return sbi_start_hold(step);
 }
 
 /* body->previous = the smoothed end of the increment, which stays, as does the displacement. */

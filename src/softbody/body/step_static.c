@@ -51,8 +51,7 @@ static sb_result sbi_static_check(sb_body *body, const sb_static_options *option
     return SB_OK;
 }
 
-/* external = equilibrated + factor (present loads - equilibrated); gravity pulls at int rho N dV. */
-static void sbi_static_loads(sb_body *b, sb_real factor)
+SBI_API void sbi_static_loads(sb_body *b, sb_real factor)
 {
     for (int i = 0; i < b->domain.node_count; i++) {
         sb_vec3 full = sb_v3_madd(b->dead_load[i], b->load_mass[i], b->gravity);

@@ -29,6 +29,12 @@ static void sbi_tensor_take(sbi_tensor *tensor, sbi_arena *arena)
 
 static void sbi_network_layout(sb_network *network, sbi_arena *arena)
 {
+    const sb_network_shape *shape = &network->shape;
+    size_t nodes = (size_t)shape->counts[0] * (size_t)shape->counts[1] * (size_t)shape->counts[2];
+    network->channels = (float *)sbi_arena_take(arena, nodes, (size_t)shape->inputs * sizeof(float));
+    network->answer = (float *)sbi_arena_take(arena, nodes, (size_t)shape->outputs * sizeof(float));
+    network->guess = (sb_vec3 *)sbi_arena_take(arena, nodes, sizeof(sb_vec3));
+    network->scratch = (sb_vec3 *)sbi_arena_take(arena, nodes, sizeof(sb_vec3));
     sbi_tensor_take(&network->input, arena);
     for (int l = 0; l < network->shape.layers; l++) {
         sbi_network_layer *layer = network->layers + l;

@@ -45,7 +45,9 @@ struct sb_network {
     sb_network_shape shape;
     sbi_tensor input;
     sbi_network_layer *layers; /* [shape.layers] */
-    void *memory;              /* behind tensors and weights */
+    float *channels, *answer;  /* [nodes][inputs], [nodes][outputs]: of sb_network_predict, */
+    sb_vec3 *guess, *scratch;  /* [nodes] */
+    void *memory;              /* behind all of these */
 };
 
 /* Taps of the kernel; 0: the layer has no weights. */
