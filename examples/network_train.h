@@ -398,7 +398,7 @@ static inline void train_adam(train_network *n, double rate, int samples)
 /* ---- the weights file: see network.h in softbody.h ---- */
 
 typedef struct train_file {
-    FILE *file;
+    sb_output out;
     uint32_t crc;
 } train_file;
 
@@ -409,7 +409,7 @@ static inline void train_put(train_file *f, const void *bytes, size_t size)
         for (int bit = 0; bit < 8; bit++)
             f->crc = f->crc & 1 ? f->crc >> 1 ^ 0xEDB88320u : f->crc >> 1;
     }
-    fwrite(bytes, 1, size, f->file);
+    fwrite(bytes, 1, size, f->out.file);
 }
 
 static inline void train_put_word(train_file *f, uint32_t word)
@@ -428,14 +428,12 @@ static inline void train_put_float(train_file *f, double value)
     train_put_word(f, word);
 }
 
-/* 1, or 0 when the file cannot be written. */
+/* 1, or 0 when the file cannot be written: then a file that was there stays as it was. */
 static inline int train_save(const train_network *n, const char *path)
 {
     train_file f;
-    int good;
-    f.file = fopen(path, "wb");
     f.crc = 0xFFFFFFFFu;
-    if (!f.file)
+    if (sb_output_open(&f.out, path, NULL))
         return 0;
     train_put(&f, "SBNET001", 8);
     for (int k = 0; k < 3; k++)
@@ -456,8 +454,7 @@ static inline int train_save(const train_network *n, const char *path)
     for (size_t i = 0; i < n->weight_count; i++)
         train_put_float(&f, (double)n->weights[i]);
     train_put_word(&f, f.crc ^ 0xFFFFFFFFu);
-    good = !ferror(f.file);
-    return fclose(f.file) == 0 && good;
+    return sb_output_close(&f.out, NULL) == SB_OK;
 }
 
 #endif /* NETWORK_TRAIN_H */

@@ -1,6 +1,6 @@
 #!/bin/sh
 # Runs case_convert, hello, custom_element, demo, viscoelastic, haptic_loop, liver_models, surface_to_sim, cylinder_study,
-# viewer, particles_study, the needle programs, grasp, palpation, identify, drop, igtl_server, igtl_client, cut_scalpel, cautery, ablation, cut_resect,
+# viewer, umesh, particles_study, the needle programs, grasp, palpation, identify, drop, igtl_server, igtl_client, cut_scalpel, cautery, ablation, cut_resect,
 # cut_force, cut_study, one_body, register_liver, track_liver and insilico as
 # a user would, with good and bad arguments and files:
 #
@@ -379,6 +379,31 @@ expect 0 '^cylinder_study \[OPTIONS\]' cylinder_study --help
 expect 2 '--steps needs a whole number' cylinder_study --steps 0
 expect 2 'no-such-case' cylinder_study --quick no-such-case
 expect 2 'no-such-folder' cylinder_study --quick -o no-such-folder/study
+
+# ---- umesh: a network from data to errors ----
+beam='--along 8 --samples 10'
+expect 0 '^generate: 10 samples, shard 1 of 1, 10 to do' umesh generate beam.csv $beam
+for shard in 1 2; do expect 0 "shard $shard of 2, 5 to do" umesh generate beam.$shard $beam --shard $shard/2; done
+check "shards of samples are merged" sh "$here/../examples/study/merge.sh" beams.csv beam.1 beam.2
+check "to the same bytes" cmp -s beams.csv beam.csv
+expect 0 '^beam.sbnet written' umesh train beam.csv beam.sbnet $beam --channels 2 --epochs 3
+expect 0 'trained: 8 samples, 3 epochs' umesh train beam.csv again.sbnet $beam --channels 2 --epochs 3
+check "training twice gives the same weights" cmp -s beam.sbnet again.sbnet
+expect 0 '^relative error: median .* of 2 samples' umesh evaluate beam.csv beam.sbnet $beam -o errors
+check "starts from a network are compared" grep -q '^starts: 2 solves' output.txt
+check "a chart and its numbers" eval 'grep -q "relative error" errors.svg && [ "$(wc -l <errors.csv | tr -d " ")" = 3 ]'
+expect 0 '^umesh generate DATA' umesh --help
+expect 2 'must be generate, train or evaluate' umesh
+expect 2 'is none of generate' umesh guess beams.csv
+expect 2 'needs DATA and WEIGHTS' umesh train beams.csv
+expect 2 'needs a multiple of 8' umesh generate x.csv --along 12
+expect 2 'has not all samples' umesh train beams.csv x.sbnet $beam --seed 5
+expect 2 'no-such-file' umesh train no-such-file.csv x.sbnet $beam
+expect 2 'are not the bytes of a weights file' umesh evaluate beams.csv beams.csv $beam
+expect 0 'generate: 5 samples' umesh generate wide.csv --along 16 --samples 5
+expect 2 'is of another beam' umesh evaluate wide.csv beam.sbnet --along 16 --samples 5
+expect 2 'no-such-folder' umesh train beams.csv no-such-folder/x $beam --channels 1 --epochs 1
+expect 2 'no-such-folder' umesh evaluate beams.csv beam.sbnet $beam -o no-such-folder/x
 
 # ---- particles_study ----
 long expect 0 'particles.svg written' particles_study --quick --steps 3 -o particles
@@ -1110,7 +1135,7 @@ expect 0 '^needle_study \[OPTIONS\]' needle_study --help
 expect 2 'no-such-folder' needle_study --quick -o no-such-folder/study
 
 # ---- a full disk ----
-all="hello custom_element demo viscoelastic liver_models surface_to_sim cylinder_study particles_study needle_prostate needle_forces
+all="hello custom_element demo viscoelastic liver_models surface_to_sim cylinder_study umesh particles_study needle_prostate needle_forces
     needle_control needle_obstacles needle_phantom one_body register_liver insilico case_solve haptic_loop grasp
     palpation track_liver drop cut_scalpel cut_resect cut_force cut_study
     needle_study igtl_server igtl_client"
@@ -1157,6 +1182,8 @@ else
     skip "no /dev/full"
 fi
 if (trap '' XFSZ && ulimit -f 0 && ! echo text >probe) 2>/dev/null; then
+    full_disk x.csv umesh evaluate beams.csv beam.sbnet $beam --solves 1 -o full/x
+    full_disk x.sbnet umesh train beams.csv full/x.sbnet $beam --channels 1 --epochs 1
     full_disk x.csv grasp --way 0.001 -o full/x
     full_disk x.csv $track -o full/x
     full_disk x.csv palpation --cells 6 --size 0.012 --grid 5 -o full/x
