@@ -205,6 +205,17 @@ SBI_API void sbi_batch_copy_rotations(sbi_assembly *assembly, int restore)
 
 /* ---- force ---- */
 
+/* Nodes a >= 1 are taken three at a time below: there are three or nine of them, n being 4 or 10, so that none is left
+ * over but of a cloud. Compilers do not unroll loops over them, and one at a time what is summed would be read and
+ * written for each. */
+
+SBI_FORCE_INLINE void sbi_batch_gather_node(sb_vec3 v, sb_vec3 origin, int l, sb_real (*d)[SB_POLAR_LANES])
+{
+    d[0][l] = v.x - origin.x;
+    d[1][l] = v.y - origin.y;
+    d[2][l] = v.z - origin.z;
+}
+
 /* Differences u_a - u_0 of nodes a >= 1 of the cells of a batch, component by component. */
 SBI_FORCE_INLINE void sbi_batch_gather(const sb_domain *domain, int batch, const sb_vec3 *u, const int n,
                                        sb_real (*d)[SB_POLAR_LANES])
@@ -212,21 +223,21 @@ SBI_FORCE_INLINE void sbi_batch_gather(const sb_domain *domain, int batch, const
     for (int l = 0; l < SB_POLAR_LANES; l++) {
         const int *cell = domain->cells + (size_t)n * (size_t)sbi_batch_cell(domain, batch, l);
         sb_vec3 origin = u[cell[0]];
-        for (int a = 0; a < n - 1; a++) {
-            sb_vec3 v = u[cell[a + 1]];
-            d[3 * a][l] = v.x - origin.x;
-            d[3 * a + 1][l] = v.y - origin.y;
-            d[3 * a + 2][l] = v.z - origin.z;
+        int a = 1;
+        for (; a + 3 <= n; a += 3) {
+            sbi_batch_gather_node(u[cell[a]], origin, l, d + 3 * (a - 1));
+            sbi_batch_gather_node(u[cell[a + 1]], origin, l, d + 3 * a);
+            sbi_batch_gather_node(u[cell[a + 2]], origin, l, d + 3 * (a + 1));
         }
+        for (; a < n; a++)
+            sbi_batch_gather_node(u[cell[a]], origin, l, d + 3 * (a - 1));
     }
 }
 
 /* Below, loops over lanes hold what can be done in a lane at once: compilers that do not unroll the loops about them
  * would otherwise read and write memory for each product. */
 
-/* Row i of F = rest I + sum over nodes a >= 1 of (u_a - u_0) g_a^T. Three nodes at a time: one at a time, F would be
- * read and written for each node. There are three or nine of them, n being 4 or 10, so that none is left over but of a
- * cloud, and the first three need no F that was cleared. */
+/* Row i of F = rest I + sum over nodes a >= 1 of (u_a - u_0) g_a^T. The first three need no F that was cleared. */
 SBI_FORCE_INLINE void sbi_batch_deform_row(const sb_real (*SB_RESTRICT d)[SB_POLAR_LANES],
                                            const sb_real (*SB_RESTRICT g)[SB_POLAR_LANES], const int n, const int rest,
                                            const int i, sb_real (*SB_RESTRICT f)[SB_POLAR_LANES])
@@ -302,6 +313,13 @@ SBI_FORCE_INLINE void sbi_batch_apply(const sb_real (*SB_RESTRICT m)[SB_POLAR_LA
         }
 }
 
+SBI_FORCE_INLINE void sbi_batch_scatter_node(const sb_real (*f)[SB_POLAR_LANES], int l, sb_vec3 *node, sb_vec3 *sum)
+{
+    sb_vec3 force = {f[0][l], f[1][l], f[2][l]};
+    *sum = sb_v3_add(*sum, force);
+    *node = sb_v3_add(*node, force);
+}
+
 /* Adds the forces of a batch to its nodes; node 0 has what makes their sum nothing. */
 SBI_FORCE_INLINE void sbi_batch_scatter(const sb_domain *domain, int batch, const sb_real (*f)[SB_POLAR_LANES],
                                         const int n, sb_vec3 *force)
@@ -310,14 +328,16 @@ SBI_FORCE_INLINE void sbi_batch_scatter(const sb_domain *domain, int batch, cons
     for (int l = 0; l < count; l++) {
         const int *cell = domain->cells + (size_t)n * (size_t)(batch * SB_POLAR_LANES + l);
         sb_vec3 sum = {0, 0, 0};
+        int a = 1;
         if (cell[0] == cell[1]) /* a free slot: node 0 may be at work on another thread */
             continue;
-        for (int a = 0; a < n - 1; a++) {
-            sb_vec3 *node = force + cell[a + 1];
-            sum.x += f[3 * a][l], node->x += f[3 * a][l];
-            sum.y += f[3 * a + 1][l], node->y += f[3 * a + 1][l];
-            sum.z += f[3 * a + 2][l], node->z += f[3 * a + 2][l];
+        for (; a + 3 <= n; a += 3) {
+            sbi_batch_scatter_node(f + 3 * (a - 1), l, force + cell[a], &sum);
+            sbi_batch_scatter_node(f + 3 * a, l, force + cell[a + 1], &sum);
+            sbi_batch_scatter_node(f + 3 * (a + 1), l, force + cell[a + 2], &sum);
         }
+        for (; a < n; a++)
+            sbi_batch_scatter_node(f + 3 * (a - 1), l, force + cell[a], &sum);
         force[cell[0]] = sb_v3_sub(force[cell[0]], sum);
     }
 }
@@ -834,18 +854,30 @@ SBI_FORCE_INLINE void sbi_batch_rotate_gradients(const sbi_assembly *assembly, c
     memcpy(h + 3 * p, sum, sizeof sum);
 }
 
+/* What a lane has in each of the rows. */
+SBI_FORCE_INLINE void sbi_batch_copy_lane(const sb_real (*rows)[SB_POLAR_LANES], int l, const int count, sb_real *out)
+{
+    int k = 0;
+    for (; k + 4 <= count; k += 4) {
+        out[k] = rows[k][l], out[k + 1] = rows[k + 1][l];
+        out[k + 2] = rows[k + 2][l], out[k + 3] = rows[k + 3][l];
+    }
+    for (; k < count; k++)
+        out[k] = rows[k][l];
+}
+
 /* The rotated gradients of the cells of a batch. */
 SBI_FORCE_INLINE void sbi_batch_rotate(const sbi_assembly *assembly, const sb_real *factors, int batch, const int n,
                                        const int q)
 {
+    const int size = 3 * n * q;
     int count = sbi_min_int(SB_POLAR_LANES, assembly->domain->cell_count - batch * SB_POLAR_LANES);
-    sb_real *out = assembly->rotated + (size_t)batch * SB_POLAR_LANES * (size_t)(3 * n * q);
+    sb_real *out = assembly->rotated + (size_t)batch * SB_POLAR_LANES * (size_t)size;
     sbi_batch_rows h[120];
     for (int p = 0; p < q; p++)
         sbi_batch_rotate_gradients(assembly, factors, batch, p, n, q, h);
-    for (int l = 0; l < count; l++, out += 3 * n * q)
-        for (int k = 0; k < 3 * n * q; k++)
-            out[k] = h[k][l];
+    for (int l = 0; l < count; l++, out += size)
+        sbi_batch_copy_lane(SBI_BATCH_ROWS(h), l, size, out);
 }
 
 typedef struct sbi_batch_job {

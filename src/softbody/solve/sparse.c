@@ -365,25 +365,39 @@ SBI_FORCE_INLINE void sbi_sparse_multiply_row(const sb_matrix *matrix, const sb_
 }
 #elif SBI_HAS_PAIRS
 /* The nine entries two by two, as they lie in memory. */
+typedef struct sbi_sparse_sums {
+    sbi_pair s00, s02, s11, s20;
+    sb_real s22;
+} sbi_sparse_sums;
+
+SBI_FORCE_INLINE sbi_sparse_sums sbi_sparse_add_block(sbi_sparse_sums s, const sb_real *block, const sb_real *from)
+{
+    sbi_pair v01 = SBI_PAIR_AT(from), v12 = SBI_PAIR_AT(from + 1);
+    s.s00 += SBI_PAIR_AT(block) * v01;
+    s.s02 += SBI_PAIR_AT(block + 2) * sbi_pair_make(v12[1], v01[0]);
+    s.s11 += SBI_PAIR_AT(block + 4) * v12;
+    s.s20 += SBI_PAIR_AT(block + 6) * v01;
+    s.s22 += block[8] * v12[1];
+    return s;
+}
+
+/* Two blocks a turn: with one, gcc moves all sums to other registers and back. */
 SBI_FORCE_INLINE void sbi_sparse_multiply_row(const sb_matrix *matrix, const sb_real *x, sb_real *y, int i, int guard)
 {
+    const sbi_pair zero = {0, 0};
     const int *column = matrix->columns + matrix->row_start[i], *end = matrix->columns + matrix->row_end[i];
     const sb_real *block = matrix->blocks[matrix->row_start[i]];
-    sbi_pair s00 = {0, 0}, s02 = s00, s11 = s00, s20 = s00;
-    sb_real s22 = 0;
+    sbi_sparse_sums s = {zero, zero, zero, zero, 0};
     (void)guard;
-    for (; column < end; column++, block += 9) {
-        const sb_real *from = x + 3 * (size_t)*column;
-        sbi_pair v01 = SBI_PAIR_AT(from), v12 = SBI_PAIR_AT(from + 1);
-        s00 += SBI_PAIR_AT(block) * v01;
-        s02 += SBI_PAIR_AT(block + 2) * sbi_pair_make(v12[1], v01[0]);
-        s11 += SBI_PAIR_AT(block + 4) * v12;
-        s20 += SBI_PAIR_AT(block + 6) * v01;
-        s22 += block[8] * v12[1];
+    for (; column + 1 < end; column += 2, block += 18) {
+        s = sbi_sparse_add_block(s, block, x + 3 * (size_t)column[0]);
+        s = sbi_sparse_add_block(s, block + 9, x + 3 * (size_t)column[1]);
     }
-    y[0] = s00[0] + s00[1] + s02[0];
-    y[1] = s02[1] + s11[0] + s11[1];
-    y[2] = s20[0] + s20[1] + s22;
+    if (column < end)
+        s = sbi_sparse_add_block(s, block, x + 3 * (size_t)column[0]);
+    y[0] = s.s00[0] + s.s00[1] + s.s02[0];
+    y[1] = s.s02[1] + s.s11[0] + s.s11[1];
+    y[2] = s.s20[0] + s.s20[1] + s.s22;
 }
 #else
 SBI_FORCE_INLINE void sbi_sparse_multiply_row(const sb_matrix *matrix, const sb_real *x, sb_real *y, int i, int guard)
