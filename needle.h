@@ -12677,7 +12677,8 @@ typedef enum ndli_keeping {
 /* A state of a body, its remesher and its needles in one block, which holds nothing between steps. */
 typedef struct ndli_kept {
     unsigned char *bytes;
-    size_t room, body; /* bytes; those of the body's state at its begin */
+    size_t room, body;      /* bytes; those of the body's state at its begin */
+    sbi_snapshot_held held; /* what that has from the step before */
 } ndli_kept;
 
 /* What the needles of one body share; made for the first, gone with the last. */
@@ -15364,6 +15365,7 @@ static int ndli_undo_make_room(struct ndli_site *site, ndli_kept *kept, size_t n
     sbi_free(&site->allocator, kept->bytes);
     kept->bytes = grown;
     kept->room = needed;
+    memset(&kept->held, 0, sizeof kept->held);
     return 1;
 }
 
@@ -15419,7 +15421,7 @@ NDLI_API int ndli_needle_keep(struct ndli_site *site, ndli_keeping which)
         return 0;
     kept->body = body;
     at = kept->bytes;
-    sbi_body_snapshot(site->body, at);
+    sbi_body_snapshot(site->body, at, &kept->held);
     at += ndli_undo_aligned(body);
     if (touch && !touch->keep(touch->user, at))
         return 0;

@@ -421,7 +421,7 @@ static void test_taken_back(void)
     size_t size = sbi_body_snapshot_size(b.body);
     void *kept = malloc(size);
     uint64_t before = sb_body_state_hash(b.body), after = 0;
-    sbi_body_snapshot(b.body, kept);
+    sbi_body_snapshot(b.body, kept, NULL);
     for (int k = 0; k < 3; k++) {
         CHECK_OK(sb_body_step(b.body, REAL(0.001), NULL));
         CHECK_INT(b.body->live->push_count, 0);

@@ -393,7 +393,7 @@ static void test_snapshots(void)
             CHECK_OK(tally_step(&first, last, REAL(0.01)));
             size = sbi_body_snapshot_size(body);
             kept = malloc(size);
-            sbi_body_snapshot(body, kept);
+            sbi_body_snapshot(body, kept, NULL);
             hash = sb_body_state_hash(body);
             count = first.count;
             CHECK_OK(sb_body_step(body, REAL(0.02), NULL));
@@ -417,6 +417,64 @@ static void test_snapshots(void)
     }
 }
 
+/* What a body goes through between two snapshots. */
+static void snapshot_deed(sb_body *body, int deed, const unsigned char *kept, size_t size)
+{
+    sb_vec3 load = sb_v3(0, 0, REAL(0.02));
+    int last = sb_body_node_count(body) - 1;
+    if (deed % 7 == 3)
+        CHECK_OK(sb_body_keep_tangent(body, deed == 3 ? 0 : REAL(0.05), NULL));
+    if (deed % 5 == 4)
+        CHECK_OK(sbi_body_rewind(body, kept, size, NULL));
+    if (deed % 4 == 1)
+        CHECK_OK(sb_body_add_forces(body, &last, 1, &load, 1));
+    if (deed == 12 && sb_body_mesh_version(body) == 0 && body->live)
+        scene_remove_cells(body);
+    if (deed % 6 != 5)
+        CHECK_OK(sb_body_step(body, REAL(0.004), NULL));
+}
+
+/* Over the one before, a snapshot comes to the bytes of one that is written whole. */
+static void test_snapshots_again(void)
+{
+    for (int live = 0; live < 2; live++) {
+        sb_mesh mesh = bar();
+        tally first;
+        sb_body *body = scene(&mesh, live * 0.3, &first, NULL);
+        const size_t head = SBI_IMAGE_HEAD; /* which a snapshot leaves out */
+        size_t room = 2 * sbi_body_snapshot_size(body), size = 0;
+        unsigned char *over = (unsigned char *)malloc(room), *whole = (unsigned char *)malloc(room);
+        sbi_snapshot_held held, before;
+        int kept = 0, anew = 0;
+        memset(&held, 0, sizeof held);
+        CHECK_OK(sb_body_keep_tangent(body, REAL(0.05), NULL));
+        memset(over, 0x55, room);
+        for (int deed = 0; deed < 40; deed++) {
+            if (deed > 0)
+                snapshot_deed(body, deed, over, size);
+            size = sbi_body_snapshot_size(body);
+            if (!CHECK(size <= room))
+                break;
+            memset(whole, 0xAA, size);
+            before = held;
+            sbi_body_snapshot(body, over, &held);
+            sbi_body_snapshot(body, whole, NULL);
+            CHECK(memcmp(over + head, whole + head, size - head) == 0);
+            memset(over + size, deed, room - size); /* what others keep behind it */
+            CHECK((held.mesh_at > 0) == live);
+            kept += held.tangent_at > 0 && held.tangent_stamp == before.tangent_stamp;
+            anew += held.tangent_at > 0 && held.tangent_stamp != before.tangent_stamp;
+        }
+        CHECK(kept > 5);
+        CHECK(anew > 5);
+        free(over);
+        free(whole);
+        sb_body_destroy(body);
+        sb_mesh_free(&mesh);
+    }
+}
+
 CHECK_SUITE(state_part, {"there and back", test_round_trip}, {"refusals", test_refusals},
             {"changed images", test_mutations}, {"recordings", test_recording},
-            {"a count of nodes that changes", test_counts}, {"snapshots", test_snapshots});
+            {"a count of nodes that changes", test_counts}, {"snapshots", test_snapshots},
+            {"snapshots over others", test_snapshots_again});

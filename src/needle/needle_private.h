@@ -89,7 +89,8 @@ typedef enum ndli_keeping {
 /* A state of a body, its remesher and its needles in one block, which holds nothing between steps. */
 typedef struct ndli_kept {
     unsigned char *bytes;
-    size_t room, body; /* bytes; those of the body's state at its begin */
+    size_t room, body;      /* bytes; those of the body's state at its begin */
+    sbi_snapshot_held held; /* what that has from the step before */
 } ndli_kept;
 
 /* What the needles of one body share; made for the first, gone with the last. */

@@ -53,6 +53,7 @@ static int ndli_undo_make_room(struct ndli_site *site, ndli_kept *kept, size_t n
     sbi_free(&site->allocator, kept->bytes);
     kept->bytes = grown;
     kept->room = needed;
+    memset(&kept->held, 0, sizeof kept->held);
     return 1;
 }
 
@@ -108,7 +109,7 @@ NDLI_API int ndli_needle_keep(struct ndli_site *site, ndli_keeping which)
         return 0;
     kept->body = body;
     at = kept->bytes;
-    sbi_body_snapshot(site->body, at);
+    sbi_body_snapshot(site->body, at, &kept->held);
     at += ndli_undo_aligned(body);
     if (touch && !touch->keep(touch->user, at))
         return 0;

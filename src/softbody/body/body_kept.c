@@ -64,6 +64,7 @@ SBI_API void sbi_kept_note(sb_body *b, sbi_precond_memory before)
     kept->made.before = before;
     memcpy(kept->rotations[slot], b->assembly.batch_quats, kept->rotation_count * sizeof(sb_real));
     memcpy(kept->positions[slot], b->position, nodes * sizeof(sb_vec3));
+    kept->stamps[slot] = ++kept->count;
 }
 
 SBI_API void sbi_kept_save(sb_body *body)

@@ -159,6 +159,7 @@ typedef struct sbi_kept {
     sbi_kept_made made, saved; /* saved: at the start of that */
     sb_real *rotations[2];     /* [rotation_count] as assembly.batch_quats */
     sb_vec3 *positions[2];     /* [node_capacity] (m) of the preconditioner's pieces */
+    uint64_t stamps[2], count; /* of what was written there last: its number of all */
 } sbi_kept;
 
 /* A call that changed a body, as its observer hears of it. A new mutator gets a code here, tells its body, and gets a

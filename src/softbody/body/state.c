@@ -95,8 +95,10 @@ typedef struct sbi_state_walk {
     uint64_t hash;
     sb_result result; /* the first failure; what comes after it is 0 */
     sb_error *error;
-    int differs; /* 1: what was passed is not what the body has */
-    int store;   /* RESERVE and READ: the places that sbi_state_put_... name take the image's values */
+    int differs;                /* 1: what was passed is not what the body has */
+    int store;                  /* RESERVE and READ: the places that sbi_state_put_... name take the image's values */
+    int same_mesh;              /* 1: a snapshot is written over one of the same mesh */
+    sbi_snapshot_held had, has; /* what `out` had of that one, and what it has now */
 
     /* of the image, once CHECK has been there */
     sb_body_def settings;
@@ -1370,11 +1372,22 @@ static void sbi_state_check_kept(sbi_state_walk *walk, sb_real angle, const sbi_
                                         (double)made->mass, (double)made->stiffness));
 }
 
+/* 1: the snapshot that is written has what is kept from before. */
+static int sbi_state_holds_tangent(const sb_body *body, sbi_state_walk *walk)
+{
+    if (!sbi_kept_is_valid(body))
+        return 0;
+    walk->has.tangent_at = walk->used;
+    walk->has.tangent_stamp = body->kept->stamps[body->kept->made.slot];
+    return walk->same_mesh && walk->had.tangent_at == walk->used && walk->had.tangent_stamp == walk->has.tangent_stamp;
+}
+
 /* Of a body that keeps nothing yet: what it would keep now, so that the size is the same. */
 static void sbi_state_kept(sb_body *body, sbi_state_walk *walk)
 {
     sbi_kept *kept = body->kept;
     int valid = sbi_kept_is_valid(body), reads = walk->pass == SBI_STATE_READ, slot = kept ? kept->made.slot : 0;
+    sbi_state_pass pass = walk->pass;
     sbi_kept_made made;
     sb_real angle = sbi_state_real(walk, kept ? kept->angle : 0);
     sb_vec3 *positions = valid || reads ? kept->positions[slot] : body->position;
@@ -1394,11 +1407,14 @@ static void sbi_state_kept(sb_body *body, sbi_state_walk *walk)
     made.stiffness = sbi_state_real(walk, made.stiffness);
     sbi_state_check_kept(walk, angle, &made);
     made.before = sbi_state_memory(walk, made.before);
+    walk->pass = sbi_state_holds_tangent(body, walk) ? SBI_STATE_MEASURE : pass;
     sbi_state_vectors(walk, positions, body->domain.node_count, SBI_STATE_FINITE, "position under a tangent");
     sbi_state_batch_quats(walk, rotations, rotations, body->domain.cell_count);
+    walk->pass = pass;
     if (!reads)
         return;
     made.slot = slot;
+    kept->stamps[slot] = ++kept->count;
     kept->angle = angle;
     kept->current = 0;
     kept->made = kept->saved = made;
@@ -1538,14 +1554,9 @@ static int sbi_state_pass_mesh(sbi_state_walk *walk, const sbi_live_mesh *mesh, 
     return 1;
 }
 
-/* What follows the counts; `store` has the image's values go into the mesh. */
-static void sbi_state_live_arrays(sbi_state_walk *walk, sbi_live_mesh *mesh, int n, int materials)
+/* Places and cells. */
+static void sbi_state_mesh(sbi_state_walk *walk, sbi_live_mesh *mesh, int n, int materials)
 {
-    sbi_state_slot_stack(walk, &mesh->nodes);
-    sbi_state_slot_stack(walk, &mesh->cells);
-    if (mesh->pieces && walk->result == SB_OK)
-        sbi_state_pieces(walk, mesh, n);
-    sbi_state_glue(walk, mesh, n);
     if (sbi_state_pass_mesh(walk, mesh, n))
         return;
     for (int i = 0; i < mesh->nodes.end && walk->result == SB_OK; i++)
@@ -1557,6 +1568,27 @@ static void sbi_state_live_arrays(sbi_state_walk *walk, sbi_live_mesh *mesh, int
             sbi_state_put_int(walk, mesh->corners + (size_t)e * (size_t)n + a, 0, mesh->nodes.end - 1,
                               "node of a cell");
     }
+}
+
+/* 1: the snapshot that is written has the mesh from before. */
+static int sbi_state_holds_mesh(sbi_state_walk *walk)
+{
+    walk->has.mesh_at = walk->used;
+    return walk->same_mesh && walk->had.mesh_at == walk->used;
+}
+
+/* What follows the counts; `store` has the image's values go into the mesh. */
+static void sbi_state_live_arrays(sbi_state_walk *walk, sbi_live_mesh *mesh, int n, int materials)
+{
+    sbi_state_pass pass = walk->pass;
+    sbi_state_slot_stack(walk, &mesh->nodes);
+    sbi_state_slot_stack(walk, &mesh->cells);
+    if (mesh->pieces && walk->result == SB_OK)
+        sbi_state_pieces(walk, mesh, n);
+    sbi_state_glue(walk, mesh, n);
+    walk->pass = sbi_state_holds_mesh(walk) ? SBI_STATE_MEASURE : pass;
+    sbi_state_mesh(walk, mesh, n, materials);
+    walk->pass = pass;
 }
 
 /* The part of bodies with slack. Passes over an image find the body with that mesh already: they only go past it. */
@@ -1941,12 +1973,18 @@ SBI_API size_t sbi_body_snapshot_size(const sb_body *body)
     return walk.overflow ? 0 : walk.used;
 }
 
-SBI_API void sbi_body_snapshot(const sb_body *body, void *buffer)
+SBI_API void sbi_body_snapshot(const sb_body *body, void *buffer, sbi_snapshot_held *held)
 {
     sbi_state_walk walk = sbi_state_begin();
     walk.plain = 1;
     walk.out = (unsigned char *)buffer;
+    walk.has.mesh_version = sb_body_mesh_version(body);
+    walk.same_mesh = held && held->mesh_version == walk.has.mesh_version;
+    if (held)
+        walk.had = *held;
     sbi_state_run_const(body, &walk, SBI_STATE_WRITE);
+    if (held)
+        *held = walk.has;
     sbi_put_bytes(walk.out + walk.used, (uint64_t)sb_body_mesh_version(body), SBI_SNAPSHOT_VERSION);
     sbi_put_bytes(walk.out + walk.used + SBI_SNAPSHOT_VERSION, (uint64_t)(body->live ? body->live->push_count : 0), 4);
 }

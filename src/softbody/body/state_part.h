@@ -75,7 +75,15 @@ SBI_API void sbi_body_tell_part_step(sb_body *body, const char *name, sb_result 
 /* ---- undo ----
  * What a saved state holds, for this body alone: cheap, neither checked nor recorded, and without others' parts. */
 SBI_API size_t sbi_body_snapshot_size(const sb_body *body);
-SBI_API void sbi_body_snapshot(const sb_body *body, void *buffer); /* [sbi_body_snapshot_size] */
+/* What a buffer has of the snapshot that was written to it before: parts that have not changed since and lie where they
+ * lay are not written again. Zeros: nothing. */
+typedef struct sbi_snapshot_held {
+    size_t mesh_at, tangent_at; /* bytes before the mesh and the tangent that is kept; 0: not there */
+    int mesh_version;
+    uint64_t tangent_stamp;
+} sbi_snapshot_held;
+/* buffer: [sbi_body_snapshot_size], in which others have left alone what `held` was told of; NULL: write all. */
+SBI_API void sbi_body_snapshot(const sb_body *body, void *buffer, sbi_snapshot_held *held);
 /* Back to it. Allocates (SB_ERROR_MEMORY, nothing changes) only where mesh, loads or constraints have changed since. */
 SBI_API sb_result sbi_body_rewind(sb_body *body, const void *snapshot, size_t size, sb_error *error);
 

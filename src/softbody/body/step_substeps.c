@@ -46,7 +46,7 @@ SBI_API sb_result sbi_body_reserve_substeps(sb_body *b, sb_error *error)
 
 static void sbi_substeps_keep(sb_body *b)
 {
-    sbi_body_snapshot(b, b->substep_room);
+    sbi_body_snapshot(b, b->substep_room, NULL);
     (void)b->touch->keep(b->touch->user, NULL); /* the step that was refused has followed the mesh */
 }
 
