@@ -201,9 +201,10 @@ static sb_result sbi_step_finish_alpha(sbi_step *step)
 {
     sb_body *b = step->body;
     memcpy(b->converged, b->displacement, (size_t)b->domain.node_count * sizeof(sb_vec3));
-    for (int i = 0; i < b->domain.node_count; i++)
-        b->displacement[i] = sbi_body_pick_axes(b->fixed[i], sbi_step_target(step, i),
-                                                sbi_step_extrapolate(b->start[i], b->displacement[i], step->level));
+    for (int i = 0; i < b->domain.node_count; i++) {
+        sb_vec3 end = sbi_step_extrapolate(b->start[i], b->displacement[i], step->level);
+        b->displacement[i] = b->fixed[i] ? sbi_body_pick_axes(b->fixed[i], sbi_step_target(step, i), end) : end;
+    }
     if (b->elimination)
         sbi_elimination_follow(b->elimination, b->displacement, 1);
     b->force_current = 0;

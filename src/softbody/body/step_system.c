@@ -56,11 +56,10 @@ SBI_API sb_vec3 sbi_step_coast(const sbi_step *step, int i)
 static void sbi_step_predict(sbi_step *step)
 {
     sb_body *b = step->body;
+    int coasts = step->iteration == 0 && step->dynamic;
     for (int i = 0; i < b->domain.node_count; i++) {
-        sb_vec3 coast = sb_v3(0, 0, 0);
-        if (step->iteration == 0 && step->dynamic)
-            coast = sbi_step_coast(step, i);
-        b->increment[i] = sbi_body_pick_axes(b->fixed[i], sbi_step_way_to_go(step, i), coast);
+        sb_vec3 coast = coasts ? sbi_step_coast(step, i) : sb_v3(0, 0, 0);
+        b->increment[i] = b->fixed[i] ? sbi_body_pick_axes(b->fixed[i], sbi_step_way_to_go(step, i), coast) : coast;
     }
 }
 
@@ -233,8 +232,10 @@ static sb_result sbi_step_make_kept_system(sbi_step *step)
     sb_body *b = step->body;
     sbi_step_predict(step);
     step->opens_gaps = 0;
-    for (int i = 0; i < b->domain.node_count; i++) /* supports rest */
-        b->rhs[i] = sbi_body_pick_axes(b->fixed[i], sb_v3(0, 0, 0), sb_v3_scale(-1, b->residual[i]));
+    for (int i = 0; i < b->domain.node_count; i++) { /* supports rest */
+        sb_vec3 force = sb_v3_scale(-1, b->residual[i]);
+        b->rhs[i] = b->fixed[i] ? sbi_body_pick_axes(b->fixed[i], sb_v3(0, 0, 0), force) : force;
+    }
     return sbi_step_begin_guests(step, &b->matrix);
 }
 
