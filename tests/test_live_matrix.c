@@ -94,6 +94,20 @@ static void change_matrix(sb_matrix *a, const live_change *c)
     sbi_matrix_follow(a, &c->change);
 }
 
+/* x . A x by the upper half of A, whoever adds it up; y = A x. */
+static void check_matrix_work(const sb_matrix *a, const sb_real *x, const sb_real *y)
+{
+    int workers = 3;
+    sb_jobs jobs = scene_jobs(&workers);
+    double work = sbi_matrix_work(a, x, NULL), shared = sbi_matrix_work(a, x, &jobs), sum = 0, size = 0;
+    for (size_t k = 0; k < 3 * (size_t)a->row_count; k++) {
+        sum += (double)x[k] * (double)y[k];
+        size += fabs((double)x[k] * (double)y[k]);
+    }
+    CHECK_NEAR(work, sum, 32 * (double)SB_EPSILON * size);
+    CHECK(memcmp(&work, &shared, sizeof work) == 0);
+}
+
 static void check_product(sb_matrix *live, sb_matrix *fresh)
 {
     size_t count = 3 * (size_t)live->row_count;
@@ -107,6 +121,7 @@ static void check_product(sb_matrix *live, sb_matrix *fresh)
     sb_matrix_multiply(fresh, x, x + 2 * count, NULL);
     CHECK(memcmp(x + count, x + 2 * count, count * sizeof(sb_real)) == 0);
     CHECK(sb_matrix_asymmetry(live) <= 0);
+    check_matrix_work(live, x, x + count);
     free(x);
 }
 

@@ -216,11 +216,9 @@ SBI_API int sbi_kept_was_near(const sbi_step *step)
 {
     const double most = 0.25; /* below 1/3, from which on a mode grows */
     sb_body *b = step->body;
-    int n = b->domain.node_count;
     double kept;
     if (!sbi_kept_take_change(step)) /* a start that was good enough: A' has had no say */
         return 1;
-    sb_matrix_multiply(&b->matrix, &b->work[0].x, &b->work2[0].x, &b->jobs);
-    kept = sbi_kept_work(n, b->work, b->work2);
+    kept = sbi_matrix_work(&b->matrix, &b->work[0].x, &b->jobs);
     return fabs(sbi_kept_true_work(step) - kept) <= fmin((double)b->kept->angle, most) * kept;
 }

@@ -334,16 +334,17 @@ enum {
     SBI_SPARSE_ROWS_AHEAD = 16 /* and diagonal blocks, asked for before they are read */
 };
 
-/* Row i of A times x: nine sums, one per place of the 3x3 blocks, added up at the end. They are independent,
- * so no sum waits for another, and all forms below give the same bits. */
+/* Blocks first <= q < last of a row of A times x: nine sums, one per place of the 3x3 blocks, added up at the end. They
+ * are independent, so no sum waits for another, and all forms below give the same bits. */
 #if SBI_HAS_LANES
 /* A block's rows and the vector are read as 4-vectors. The fourth lane belongs to what comes next in memory
  * and is never summed; only the last node has nothing after it (`guard`). Three vector products instead of
  * nine, which compilers do not find by themselves. */
-SBI_FORCE_INLINE void sbi_sparse_multiply_row(const sb_matrix *matrix, const sb_real *x, sb_real *y, int i, int guard)
+SBI_FORCE_INLINE void sbi_sparse_multiply_blocks(const sb_matrix *matrix, const sb_real *x, sb_real *y, int first,
+                                                 int last, int guard)
 {
-    const int *column = matrix->columns + matrix->row_start[i], *end = matrix->columns + matrix->row_end[i];
-    const sb_real *block = matrix->blocks[matrix->row_start[i]];
+    const int *column = matrix->columns + first, *end = matrix->columns + last;
+    const sb_real *block = matrix->blocks[first];
     sbi_lanes s0 = {0, 0, 0, 0}, s1 = s0, s2 = s0;
     for (; column < end; column++, block += 9) {
         const sb_real *from = x + 3 * (size_t)*column;
@@ -382,11 +383,12 @@ SBI_FORCE_INLINE sbi_sparse_sums sbi_sparse_add_block(sbi_sparse_sums s, const s
 }
 
 /* Two blocks a turn: with one, gcc moves all sums to other registers and back. */
-SBI_FORCE_INLINE void sbi_sparse_multiply_row(const sb_matrix *matrix, const sb_real *x, sb_real *y, int i, int guard)
+SBI_FORCE_INLINE void sbi_sparse_multiply_blocks(const sb_matrix *matrix, const sb_real *x, sb_real *y, int first,
+                                                 int last, int guard)
 {
     const sbi_pair zero = {0, 0};
-    const int *column = matrix->columns + matrix->row_start[i], *end = matrix->columns + matrix->row_end[i];
-    const sb_real *block = matrix->blocks[matrix->row_start[i]];
+    const int *column = matrix->columns + first, *end = matrix->columns + last;
+    const sb_real *block = matrix->blocks[first];
     sbi_sparse_sums s = {zero, zero, zero, zero, 0};
     (void)guard;
     for (; column + 1 < end; column += 2, block += 18) {
@@ -400,12 +402,13 @@ SBI_FORCE_INLINE void sbi_sparse_multiply_row(const sb_matrix *matrix, const sb_
     y[2] = s.s20[0] + s.s20[1] + s.s22;
 }
 #else
-SBI_FORCE_INLINE void sbi_sparse_multiply_row(const sb_matrix *matrix, const sb_real *x, sb_real *y, int i, int guard)
+SBI_FORCE_INLINE void sbi_sparse_multiply_blocks(const sb_matrix *matrix, const sb_real *x, sb_real *y, int first,
+                                                 int last, int guard)
 {
-    const sb_real *block = matrix->blocks[matrix->row_start[i]];
+    const sb_real *block = matrix->blocks[first];
     sb_real s00 = 0, s01 = 0, s02 = 0, s10 = 0, s11 = 0, s12 = 0, s20 = 0, s21 = 0, s22 = 0;
     (void)guard;
-    for (int q = matrix->row_start[i]; q < matrix->row_end[i]; q++, block += 9) {
+    for (int q = first; q < last; q++, block += 9) {
         const sb_real *from = x + 3 * (size_t)matrix->columns[q];
         sb_real v0 = from[0], v1 = from[1], v2 = from[2];
         s00 += block[0] * v0, s01 += block[1] * v1, s02 += block[2] * v2;
@@ -418,15 +421,20 @@ SBI_FORCE_INLINE void sbi_sparse_multiply_row(const sb_matrix *matrix, const sb_
 }
 #endif
 
+/* The same of row i from block `first` on. */
+SBI_FORCE_INLINE void sbi_sparse_multiply_row(const sb_matrix *matrix, const sb_real *x, sb_real *y, int i, int first)
+{
+    int last = matrix->row_end[i];
+    if (matrix->columns[last - 1] != matrix->row_count - 1)
+        sbi_sparse_multiply_blocks(matrix, x, y, first, last, 0);
+    else
+        sbi_sparse_multiply_blocks(matrix, x, y, first, last, 1);
+}
+
 SBI_API void sbi_matrix_multiply_rows(const sb_matrix *matrix, const sb_real *x, sb_real *y, int first, int last)
 {
-    const int *columns = matrix->columns, *row_end = matrix->row_end;
-    for (int i = first; i < last; i++) {
-        if (columns[row_end[i] - 1] != matrix->row_count - 1)
-            sbi_sparse_multiply_row(matrix, x, y + 3 * (size_t)i, i, 0);
-        else
-            sbi_sparse_multiply_row(matrix, x, y + 3 * (size_t)i, i, 1);
-    }
+    for (int i = first; i < last; i++)
+        sbi_sparse_multiply_row(matrix, x, y + 3 * (size_t)i, i, matrix->row_start[i]);
 }
 
 typedef struct sbi_sparse_product {
@@ -454,6 +462,50 @@ SB_API void sb_matrix_multiply(const sb_matrix *matrix, const sb_real *x, sb_rea
     sbi_run(jobs, sbi_sparse_multiply_task, &product, sbi_row_chunks(matrix->row_count));
 }
 
+/* Sums over rows are those of parts of them, which do not depend on who adds them up. */
+enum { SBI_SPARSE_PARTS = 64 };
+static int sbi_sparse_parts(int rows) { return sbi_min_int(sbi_row_chunks(rows), SBI_SPARSE_PARTS); }
+static int sbi_sparse_part_begin(int rows, int part, int parts) { return (int)((int64_t)rows * part / parts); }
+
+typedef struct sbi_sparse_work {
+    const sb_matrix *matrix;
+    const sb_real *x;
+    int parts;
+    double sums[SBI_SPARSE_PARTS];
+} sbi_sparse_work;
+
+/* x_i . (A_ii x_i + 2 sum over j > i of A_ij x_j) */
+static void sbi_sparse_work_task(void *user, int part)
+{
+    sbi_sparse_work *work = (sbi_sparse_work *)user;
+    const sb_matrix *matrix = work->matrix;
+    int end = sbi_sparse_part_begin(matrix->row_count, part + 1, work->parts);
+    double sum = 0;
+    for (int i = sbi_sparse_part_begin(matrix->row_count, part, work->parts); i < end; i++) {
+        const sb_real *own = work->x + 3 * (size_t)i, *block = matrix->blocks[matrix->diagonal[i]];
+        sb_real above[3];
+        sbi_sparse_multiply_row(matrix, work->x, above, i, matrix->diagonal[i] + 1);
+        for (int r = 0; r < 3; r++) {
+            sb_real diagonal = block[3 * r] * own[0] + block[3 * r + 1] * own[1] + block[3 * r + 2] * own[2];
+            sum += (double)own[r] * (double)(diagonal + 2 * above[r]);
+        }
+    }
+    work->sums[part] = sum;
+}
+
+SBI_API double sbi_matrix_work(const sb_matrix *matrix, const sb_real *x, const sb_jobs *jobs)
+{
+    sbi_sparse_work work;
+    double sum = 0;
+    work.matrix = matrix;
+    work.x = x;
+    work.parts = sbi_sparse_parts(matrix->row_count);
+    sbi_run(jobs, sbi_sparse_work_task, &work, work.parts);
+    for (int part = 0; part < work.parts; part++)
+        sum += work.sums[part];
+    return sum;
+}
+
 SB_API sb_real sb_matrix_asymmetry(const sb_matrix *matrix)
 {
     sb_real largest = 0, difference = 0;
@@ -475,8 +527,7 @@ SB_API sb_real sb_matrix_asymmetry(const sb_matrix *matrix)
 
 /* ---- constraints --------------------------------------------------------------------------------------- */
 
-/* The mean of a diagonal, by parts that do not depend on who adds them up. */
-enum { SBI_SPARSE_PARTS = 64 };
+/* The mean of a diagonal. */
 typedef struct sbi_sparse_mean {
     const sb_matrix *matrix;
     const unsigned char *mask;
@@ -490,7 +541,8 @@ static void sbi_sparse_mean_task(void *user, int part)
     sbi_sparse_mean *mean = (sbi_sparse_mean *)user;
     const sb_matrix *matrix = mean->matrix;
     int rows = matrix->row_count, count = 0;
-    int first = (int)((int64_t)rows * part / mean->parts), end = (int)((int64_t)rows * (part + 1) / mean->parts);
+    int first = sbi_sparse_part_begin(rows, part, mean->parts),
+        end = sbi_sparse_part_begin(rows, part + 1, mean->parts);
     double sums[3] = {0, 0, 0}; /* three that do not wait for each other */
     for (int i = first; i < end; i++) {
         const sb_real *block = matrix->blocks[matrix->diagonal[i]];
@@ -518,7 +570,7 @@ SBI_API sb_real sbi_matrix_diagonal_scale(const sb_matrix *matrix, const unsigne
     double sum = 0, count = 0;
     mean.matrix = matrix;
     mean.mask = mask;
-    mean.parts = sbi_min_int(sbi_row_chunks(matrix->row_count), SBI_SPARSE_PARTS);
+    mean.parts = sbi_sparse_parts(matrix->row_count);
     sbi_run(jobs, sbi_sparse_mean_task, &mean, mean.parts);
     for (int part = 0; part < mean.parts; part++) {
         sum += mean.sums[part];

@@ -90,6 +90,8 @@ SB_INLINE int sbi_matrix_most_parts(int row_count) { return row_count / 2 + 1; }
 #if defined(SB_IMPLEMENTATION) || defined(SB_SPLIT_BUILD)
 /* y_i = (A x)_i for the rows first <= i < last. */
 SBI_API void sbi_matrix_multiply_rows(const sb_matrix *matrix, const sb_real *x, sb_real *y, int first, int last);
+/* x . A x of a symmetric A, by its upper half. */
+SBI_API double sbi_matrix_work(const sb_matrix *matrix, const sb_real *x, const sb_jobs *jobs);
 /* sb_matrix_diagonal_scale, and sb_matrix_constrain with the mean that it needs, on all threads. */
 SBI_API sb_real sbi_matrix_diagonal_scale(const sb_matrix *matrix, const unsigned char *mask, const sb_jobs *jobs);
 SBI_API void sbi_matrix_constrain(sb_matrix *matrix, const unsigned char *mask, const sb_real *values, sb_real *rhs,
