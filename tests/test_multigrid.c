@@ -274,6 +274,56 @@ static void test_symmetry(void)
     free(my);
 }
 
+/* The free end is softer and lighter by `share`, as crumbs of a cut are; its nodes are held along x and y. */
+static void assemble_light_end(problem *p, double share)
+{
+    sb_matrix_clear(&p->a);
+    memset(p->rhs, 0, 3 * (size_t)p->mesh.node_count * sizeof(sb_real));
+    for (int i = 0; i < p->mesh.node_count; i++)
+        if (p->mesh.nodes[i].x > REAL(0.15))
+            p->mask[i] = SB_X | SB_Y;
+    for (int t = 0; t < p->mesh.element_count; t++) {
+        const int *tet = p->mesh.elements + 4 * (size_t)t;
+        double factor = 1;
+        for (int a = 0; a < 4; a++)
+            if (p->mesh.nodes[tet[a]].x > REAL(0.15))
+                factor = share;
+        add_tet(p, tet, 50e3 * factor, 0.45, dynamic_mass * factor);
+    }
+    sb_matrix_constrain(&p->a, p->mask, NULL, p->rhs);
+}
+
+/* The mean stiffness, which stands on the diagonal of held components, is no measure of what is free beside them. */
+static void test_light_and_held(void)
+{
+    static const double shares[4] = {1, 1e-3, 1e-5, 1e-7};
+    for (int k = 0; k < 4; k++) {
+        problem p = problem_beam(5, 0.2);
+        int n = 3 * p.mesh.node_count, count;
+        sb_preconditioner *multigrid = multigrid_of(&p, NULL, 0);
+        sb_real *mx = random_vector(n, 1);
+        assemble_light_end(&p, shares[k]);
+        CHECK_OK(sb_preconditioner_update(multigrid, &p.a, NULL, NULL));
+        for (unsigned long long seed = 1; seed < 6; seed++) {
+            sb_real *x = random_vector(n, seed);
+            for (int i = 0; i < p.mesh.node_count; i++)
+                for (int c = 0; c < 3; c++)
+                    x[3 * i + c] = p.mask[i] >> c & 1               ? 0
+                                   : p.mesh.nodes[i].x > REAL(0.15) ? x[3 * i + c] * REAL(shares[k])
+                                                                    : x[3 * i + c];
+            sb_preconditioner_apply(multigrid, x, mx);
+            CHECK(dot(x, mx, n) > 0);
+            free(x);
+        }
+        count = iterations(&p, multigrid, 1e-2);
+        if (!CHECK(count <= 12))
+            printf("at a share of %g: %d iterations\n", shares[k], count);
+        sb_preconditioner_free(multigrid);
+        problem_free(&p);
+        free(mx);
+    }
+}
+
 /* Small stiff parts are solved, not smoothed: of a load next to nothing is left at their nodes, a few hundredths of
  * what is left elsewhere, from rounding. And still what multigrid makes of loads is symmetric and positive. */
 static void test_islands(void)
@@ -1560,7 +1610,8 @@ static void test_weighted_cells(void)
     sb_grid_free(&coarse);
 }
 
-CHECK_SUITE(multigrid, {"exactness of Galerkin", test_galerkin}, {"symmetry", test_symmetry}, {"islands", test_islands},
+CHECK_SUITE(multigrid, {"exactness of Galerkin", test_galerkin}, {"symmetry", test_symmetry},
+            {"light and held", test_light_and_held}, {"islands", test_islands},
             {"large coarser levels", test_large_level}, {"golden levels", test_golden}, {"residual", test_residual},
             {"series", test_series}, {"hard", test_hard}, {"jumps", test_jumps}, {"slivers", test_slivers},
             {"jumps: the answer", test_jumps_answer}, {"jumps: a dear coarsest level", test_jumps_dear},

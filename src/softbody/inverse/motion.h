@@ -1,20 +1,58 @@
 /* motion: gradients through time: how a loss over a recorded motion answers to parameters, to where and how fast the
  * motion began, and to a force in each step. Floor 4.
  *
- * ```c fragment
- * static void miss(void *user, int step, const sb_vec3 *u, sb_vec3 *dj_du) // J: half the square of what node 0 misses
+ * ```c
+ * #include <stdio.h>
+ * #include <string.h>
+ *
+ * #define SB_IMPLEMENTATION
+ * #include "softbody.h"
+ *
+ * static void miss(void *user, int step, const sb_vec3 *u, sb_vec3 *dj_du) // J: half the square of what a node misses
  * {
  *     const sb_vec3 *seen = (const sb_vec3 *)user; // of each step (m)
- *     dj_du[0] = sb_v3_sub(u[0], seen[step]);
+ *     dj_du[4] = sb_v3_sub(u[4], seen[step]);
  * }
- * ...
- * sb_recording_loss loss;
- * sb_recording_slopes slopes;
- * memset(&slopes, 0, sizeof slopes);
- * slopes.gradient = &slope; // of one parameter
- * loss.add_slope = miss;
- * loss.user = seen;
- * result = sb_recording_gradient(recording, body, &loss, &young, 1, &slopes, &error);
+ *
+ * int main(void)
+ * {
+ *     static sb_vec3 seen[20];
+ *     sb_recording_loss loss = {miss, seen};
+ *     sb_recording_slopes slopes = {NULL, NULL, NULL, NULL};
+ *     sb_real slope = 0; // per Pa
+ *     sb_parameter young;
+ *     sb_recording *recording;
+ *     sb_body_def def = sb_default_body_def();
+ *     sb_mesh mesh;
+ *     sb_body *body;
+ *     sb_error error;
+ *     int held[9] = {0, 5, 10, 15, 20, 25, 30, 35, 40}; // the end x = 0
+ *     memset(&young, 0, sizeof young);
+ *     young.kind = SB_PARAMETER_YOUNG;
+ *     slopes.gradient = &slope;
+ *     if (sb_mesh_beam(SB_TET4, 4, 2, 2, sb_v3((sb_real)0.1, (sb_real)0.02, (sb_real)0.02), NULL, &mesh, &error))
+ *         return 1;
+ *     def.mesh = &mesh;
+ *     def.material = sb_material_neo_hookean(20000, (sb_real)0.4, 1000);
+ *     def.gravity = sb_v3(0, 0, (sb_real)-9.81);
+ *     def.max_newton = 20; // iterated steps, to
+ *     def.newton_tolerance = (sb_real)1e-8;
+ *     if (sb_body_create(&def, &body, &error) || sb_body_hold(body, held, 9, SB_XYZ, &error))
+ *         return 1;
+ *     if (sb_recording_start(body, 0, NULL, &recording, &error))
+ *         return 1;
+ *     for (int step = 0; step < 20; step++)
+ *         if (sb_body_step(body, (sb_real)0.01, NULL))
+ *             return 1;
+ *     sb_recording_stop(recording);
+ *     if (sb_recording_gradient(recording, body, &loss, &young, 1, &slopes, &error))
+ *         return printf("%s\n", error.message), 1;
+ *     printf("stiffer by 1 kPa: J + %g m^2\n", 1000 * (double)slope);
+ *     sb_recording_destroy(recording);
+ *     sb_body_destroy(body);
+ *     sb_mesh_free(&mesh);
+ *     return 0;
+ * }
  * ``` */
 #ifndef SB_MOTION_H
 #define SB_MOTION_H

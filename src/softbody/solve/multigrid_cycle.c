@@ -78,6 +78,25 @@ static int sbi_mg_invert(const float *block, float *inverse)
     return kept;
 }
 
+/* The largest entry on the diagonal of a node's block of its free components, or of all where none is. */
+static sb_real sbi_mg_largest_free(const sb_real *block, unsigned fixed)
+{
+    sb_real largest = 0;
+    for (unsigned k = 0; k < 3; k++)
+        if ((fixed == SB_XYZ || !(fixed >> k & 1)) && block[4 * k] > largest)
+            largest = block[4 * k];
+    return largest;
+}
+
+/* The block with that in place of the diagonal of held components: what stands there nobody multiplies with but 0, and
+ * where a node's own stiffness is next to nothing beside it, S by it would leave its free components to rounding. */
+static void sbi_mg_level_held(const sb_real *block, unsigned fixed, sb_real *out)
+{
+    sb_real largest = sbi_mg_largest_free(block, fixed);
+    for (unsigned k = 0; k < 9; k++)
+        out[k] = k % 4 == 0 && fixed != SB_XYZ && fixed >> k / 4 & 1 ? largest : block[k];
+}
+
 /* S of a node of level 0, and the inverse of its scaled diagonal block; 0 when that is not positive definite. */
 static int sbi_mg_load_diagonal(const sbi_mg_work *work, int i)
 {
@@ -85,19 +104,20 @@ static int sbi_mg_load_diagonal(const sbi_mg_work *work, int i)
     const sb_real *block = work->matrix->blocks[work->matrix->diagonal[i]];
     float *scale = level->scale + 4 * (size_t)i, scaled[9];
     int later = work->matrix->diagonal[sbi_min_int(i + SBI_MG_ROWS_AHEAD, level->row_count - 1)];
-    double largest = 0, inverse;
+    double largest, inverse;
+    sb_real own[9];
     SBI_PREFETCH(work->matrix->blocks[later], 0);
-    for (int k = 0; k < 9; k += 4)
-        largest = (double)block[k] > largest ? (double)block[k] : largest;
+    largest = (double)sbi_mg_largest_free(block, work->matrix->fixed[i]);
     if (!(largest > 0))
         return 0;
+    sbi_mg_level_held(block, work->matrix->fixed[i], own);
     largest *= work->scale;
     inverse = 1 / sqrt(largest);
     for (int k = 0; k < 3; k++)
         scale[k] = work->matrix->fixed[i] >> k & 1 ? 0.0f : (float)sqrt(largest);
     scale[3] = (float)inverse;
     for (int k = 0; k < 9; k++)
-        scaled[k] = (float)((double)block[k] * work->scale / largest);
+        scaled[k] = (float)((double)own[k] * work->scale / largest);
     return sbi_mg_invert(scaled, level->inverse + 12 * (size_t)i) == 3;
 }
 
@@ -180,6 +200,8 @@ static int sbi_mg_load_row(const sbi_mg_work *work, int i)
     if (mixes)
         mixer = sbi_mg_begin_mixing(level, i);
     for (int q = level->row_start[i]; q < last; q++, from++) {
+        const sb_real *source = *from;
+        sb_real held[9];
         float block[9];
         int j = columns[q];
         SBI_PREFETCH(*from, SBI_MG_AHEAD);
@@ -187,8 +209,12 @@ static int sbi_mg_load_row(const sbi_mg_work *work, int i)
         SBI_PREFETCH(packed + 9 * (size_t)q, SBI_MG_AHEAD / 8);
         if (mixes)
             SBI_PREFETCH(mixer.slot, SBI_MG_AHEAD / 8);
-        sbi_mg_round_block(*from, scale, block);
-        sbi_mg_pack_finest(work, (size_t)q, *from, block, own, scales[4 * (size_t)j + 3], &bad);
+        if (j == i && work->matrix->fixed[i]) {
+            sbi_mg_level_held(*from, work->matrix->fixed[i], held);
+            source = held;
+        }
+        sbi_mg_round_block(source, scale, block);
+        sbi_mg_pack_finest(work, (size_t)q, source, block, own, scales[4 * (size_t)j + 3], &bad);
         for (int k = 0; k < 9 && j == i; k++)
             block[k] = scales[4 * (size_t)i + (size_t)(k / 3)] > 0 ? block[k] : 0.0f;
         if (mixes)
