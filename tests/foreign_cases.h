@@ -1,11 +1,13 @@
 /* foreign_cases.h: cases that are written in other solvers' formats and read again: the reference ones, and random
- * ones. */
+ * ones; and models of those formats in memory. */
 #ifndef FOREIGN_CASES_H
 #define FOREIGN_CASES_H
 
 #include "softbody.h"
 
 #include "check.h"
+
+#include "../examples/case_reader.h"
 
 #include <math.h>
 #include <stdio.h>
@@ -149,6 +151,81 @@ static inline void write_random_case(const char *stem, const char *const laws[4]
                 (int)check_random_in(state, 1, 20));
     CHECK(fclose(file) == 0);
     sb_mesh_free(&mesh);
+}
+
+/* ---- models in memory -------------------------------------------------------------------------------------- */
+
+typedef int foreign_reader(case_file *c, const char *path);
+
+/* Writes text to a file of the tests and reads it; 1 when it is a case. */
+static inline int read_foreign_text(case_file *c, foreign_reader *read, const char *path, const char *text)
+{
+    FILE *file = fopen(path, "wb");
+    int ok = file && fwrite(text, 1, strlen(text), file) == strlen(text);
+    if (file)
+        ok &= fclose(file) == 0;
+    CHECK(ok);
+    return read(c, path);
+}
+
+/* The displacement of a node by its number when what was read (ok: it is a case) is solved; the case is freed. */
+static inline sb_vec3 solve_foreign(case_file *c, int ok, int number)
+{
+    sb_body *body = NULL;
+    sb_vec3 u = sb_v3(0, 0, 0);
+    if (!CHECK(ok && case_create_body(c, &body))) {
+        printf("%s%s\n", c->faults.text ? c->faults.text : "", c->message);
+    } else {
+        sb_static_options options = case_static_options(c);
+        if (SB_REAL_IS_FLOAT)
+            options.tolerance = (sb_real)1e-5;
+        CHECK_OK(sb_body_solve_static(body, &options, NULL));
+        for (int i = 0; i < c->mesh.node_count; i++)
+            if (c->node_numbers[i] == number)
+                u = sb_body_displacements(body)[i];
+    }
+    sb_body_destroy(body);
+    case_free(c);
+    return u;
+}
+
+/* What was read is refused with one fault, in this line, whose words hold `words`; the case is freed. */
+static inline void check_foreign_refused(case_file *c, int ok, int line, const char *words)
+{
+    CHECK(!ok);
+    if (!CHECK_INT(c->error_line, line) || !CHECK(strstr(c->message, words) != NULL))
+        printf("  expected line %d: %s\n  got  line %d: %s\n", line, words, c->error_line, c->message);
+    if (!CHECK(c->faults.count <= 1))
+        printf("%s", c->faults.text);
+    case_free(c);
+}
+
+typedef struct foreign_mistake {
+    int line;
+    const char *words;
+} foreign_mistake;
+
+/* A file with ten mistakes gets a list of ten lines. */
+static inline void check_foreign_mistakes(foreign_reader *read, const char *path, const foreign_mistake expected[10])
+{
+    case_file c;
+    const char *at;
+    int ok = read(&c, path);
+    CHECK(!ok);
+    CHECK_INT(c.faults.count, 10);
+    at = c.faults.text;
+    for (int i = 0; i < 10 && at; i++) {
+        char place[64];
+        const char *end = strchr(at, '\n');
+        snprintf(place, sizeof place, "%s:%d: ", path, expected[i].line);
+        ok = strncmp(at, place, strlen(place)) == 0 && strstr(at, expected[i].words) &&
+             strstr(at, expected[i].words) < end;
+        if (!CHECK(ok))
+            printf("  expected %s%s\n  got %.*s\n", place, expected[i].words, (int)(end - at), at);
+        at = end + 1;
+    }
+    CHECK_INT(c.error_line, expected[0].line);
+    case_free(&c);
 }
 
 #endif /* FOREIGN_CASES_H */

@@ -11,16 +11,10 @@
 
 /* ---- models in memory -------------------------------------------------------------------------------------- */
 
-/* Writes text to a file of the tests and reads it; 1 when it is a case. */
+/* 1 when the text is a case. */
 static int read_text(case_file *c, const char *text)
 {
-    static const char path[] = "build/test_feb.feb";
-    FILE *file = fopen(path, "wb");
-    int ok = file && fwrite(text, 1, strlen(text), file) == strlen(text);
-    if (file)
-        ok &= fclose(file) == 0;
-    CHECK(ok);
-    return feb_read(c, path);
+    return read_foreign_text(c, feb_read, "build/test_feb.feb", text);
 }
 
 /* A file in parts, so that one can be another. */
@@ -67,36 +61,14 @@ static const char *join(const model *m)
 static sb_vec3 solve_model(const model *m, int number)
 {
     case_file c;
-    sb_body *body = NULL;
-    sb_vec3 u = sb_v3(0, 0, 0);
-    int ok = read_text(&c, join(m)) && case_create_body(&c, &body);
-    if (!CHECK(ok)) {
-        printf("%s%s\n", c.faults.text ? c.faults.text : "", c.message);
-    } else {
-        sb_static_options options = case_static_options(&c);
-        if (SB_REAL_IS_FLOAT)
-            options.tolerance = (sb_real)1e-5;
-        CHECK_OK(sb_body_solve_static(body, &options, NULL));
-        for (int i = 0; i < c.mesh.node_count; i++)
-            if (c.node_numbers[i] == number)
-                u = sb_body_displacements(body)[i];
-    }
-    sb_body_destroy(body);
-    case_free(&c);
-    return u;
+    return solve_foreign(&c, read_text(&c, join(m)), number);
 }
 
 /* The model is refused with one fault, in this line, whose words hold `words`. */
 static void check_refused(const char *text, int line, const char *words)
 {
     case_file c;
-    int ok = read_text(&c, text);
-    CHECK(!ok);
-    if (!CHECK_INT(c.error_line, line) || !CHECK(strstr(c.message, words) != NULL))
-        printf("  expected line %d: %s\n  got  line %d: %s\n", line, words, c.error_line, c.message);
-    if (!CHECK(c.faults.count <= 1))
-        printf("%s", c.faults.text);
-    case_free(&c);
+    check_foreign_refused(&c, read_text(&c, text), line, words);
 }
 
 /* ---- tests ------------------------------------------------------------------------------------------------- */
@@ -236,37 +208,17 @@ static void test_materials(void)
 /* A file with ten mistakes gets a list of ten lines. */
 static void test_mistakes(void)
 {
-    static const struct {
-        int line;
-        const char *words;
-    } expected[] = {{3, "Module biphasic is not read"},
-                    {6, "'none' is no finite number"},
-                    {9, "material type Ogden is not read"},
-                    {13, "'zero' is no finite number"},
-                    {14, "id 0 must be > 0"},
-                    {16, "elements penta6 are not read"},
-                    {21, "there are no Elements Other"},
-                    {24, "there is no node set Base"},
-                    {25, "bc rigid is not read"},
-                    {28, "<contact> is not understood in <Contact>"}};
-    case_file c;
-    const char *at;
-    int ok = feb_read(&c, "tests/data/mistakes.feb");
-    CHECK(!ok);
-    CHECK_INT(c.faults.count, 10);
-    at = c.faults.text;
-    for (int i = 0; i < 10 && at; i++) {
-        char place[64];
-        const char *end = strchr(at, '\n');
-        snprintf(place, sizeof place, "tests/data/mistakes.feb:%d: ", expected[i].line);
-        ok = strncmp(at, place, strlen(place)) == 0 && strstr(at, expected[i].words) &&
-             strstr(at, expected[i].words) < end;
-        if (!CHECK(ok))
-            printf("  expected %s%s\n  got %.*s\n", place, expected[i].words, (int)(end - at), at);
-        at = end + 1;
-    }
-    CHECK_INT(c.error_line, 3);
-    case_free(&c);
+    static const foreign_mistake expected[10] = {{3, "Module biphasic is not read"},
+                                                 {6, "'none' is no finite number"},
+                                                 {9, "material type Ogden is not read"},
+                                                 {13, "'zero' is no finite number"},
+                                                 {14, "id 0 must be > 0"},
+                                                 {16, "elements penta6 are not read"},
+                                                 {21, "there are no Elements Other"},
+                                                 {24, "there is no node set Base"},
+                                                 {25, "bc rigid is not read"},
+                                                 {28, "<contact> is not understood in <Contact>"}};
+    check_foreign_mistakes(feb_read, "tests/data/mistakes.feb", expected);
 }
 
 /* A model with one part exchanged is refused. */

@@ -12,16 +12,10 @@
 
 /* ---- models in memory -------------------------------------------------------------------------------------- */
 
-/* Writes text to a file of the tests and reads it; 1 when it is a case. */
+/* 1 when the text is a case. */
 static int read_text(case_file *c, const char *text)
 {
-    static const char path[] = "build/test_inp.inp";
-    FILE *file = fopen(path, "wb");
-    int ok = file && fwrite(text, 1, strlen(text), file) == strlen(text);
-    if (file)
-        ok &= fclose(file) == 0;
-    CHECK(ok);
-    return inp_read(c, path);
+    return read_foreign_text(c, inp_read, "build/test_inp.inp", text);
 }
 
 /* A cube with its nodes 1 to 8 and its element 1, all of it but the step; lines 1 to 19. */
@@ -37,38 +31,15 @@ static sb_vec3 solve_text(const char *steps, int number)
 {
     char text[4200];
     case_file c;
-    sb_body *body = NULL;
-    sb_vec3 u = sb_v3(0, 0, 0);
-    int ok;
     snprintf(text, sizeof text, "%s*END STEP\n", steps);
-    ok = read_text(&c, text) && case_create_body(&c, &body);
-    if (!CHECK(ok)) {
-        printf("%s", c.faults.text ? c.faults.text : c.message);
-    } else {
-        sb_static_options options = case_static_options(&c);
-        if (SB_REAL_IS_FLOAT)
-            options.tolerance = (sb_real)1e-5;
-        CHECK_OK(sb_body_solve_static(body, &options, NULL));
-        for (int i = 0; i < c.mesh.node_count; i++)
-            if (c.node_numbers[i] == number)
-                u = sb_body_displacements(body)[i];
-    }
-    sb_body_destroy(body);
-    case_free(&c);
-    return u;
+    return solve_foreign(&c, read_text(&c, text), number);
 }
 
 /* The model is refused with one fault, in this line, whose words hold `words`. */
 static void check_refused(const char *text, int line, const char *words)
 {
     case_file c;
-    int ok = read_text(&c, text);
-    CHECK(!ok);
-    if (!CHECK_INT(c.error_line, line) || !CHECK(strstr(c.message, words) != NULL))
-        printf("  expected line %d: %s\n  got  line %d: %s\n", line, words, c.error_line, c.message);
-    if (!CHECK(c.faults.count <= 1))
-        printf("%s", c.faults.text);
-    case_free(&c);
+    check_foreign_refused(&c, read_text(&c, text), line, words);
 }
 
 /* ---- tests ------------------------------------------------------------------------------------------------- */
@@ -107,37 +78,17 @@ static void test_column(void)
 /* A file with ten mistakes gets a list of ten lines. */
 static void test_mistakes(void)
 {
-    static const struct {
-        int line;
-        const char *words;
-    } expected[] = {{3, "'zero' is no finite number"},
-                    {8, "elements C3D8R are not read"},
-                    {10, "*INITIALCONDITIONS is not understood"},
-                    {13, "TYPE=ORTHO is not understood"},
-                    {15, "*HYPERELASTIC, OGDEN is not understood"},
-                    {18, "there is no set OTHERS before this line"},
-                    {20, "must be within a *STEP"},
-                    {21, "outside the folder of the model"},
-                    {22, "parameter PERTURBATION of *STEP is not understood"},
-                    {25, "axis 7 of a force must be 1, 2 or 3"}};
-    case_file c;
-    const char *at;
-    int ok = inp_read(&c, "tests/data/mistakes.inp");
-    CHECK(!ok);
-    CHECK_INT(c.faults.count, 10);
-    at = c.faults.text;
-    for (int i = 0; i < 10 && at; i++) {
-        char place[64];
-        const char *end = strchr(at, '\n');
-        snprintf(place, sizeof place, "tests/data/mistakes.inp:%d: ", expected[i].line);
-        ok = strncmp(at, place, strlen(place)) == 0 && strstr(at, expected[i].words) &&
-             strstr(at, expected[i].words) < end;
-        if (!CHECK(ok))
-            printf("  expected %s%s\n  got %.*s\n", place, expected[i].words, (int)(end - at), at);
-        at = end + 1;
-    }
-    CHECK_INT(c.error_line, 3);
-    case_free(&c);
+    static const foreign_mistake expected[10] = {{3, "'zero' is no finite number"},
+                                                 {8, "elements C3D8R are not read"},
+                                                 {10, "*INITIALCONDITIONS is not understood"},
+                                                 {13, "TYPE=ORTHO is not understood"},
+                                                 {15, "*HYPERELASTIC, OGDEN is not understood"},
+                                                 {18, "there is no set OTHERS before this line"},
+                                                 {20, "must be within a *STEP"},
+                                                 {21, "outside the folder of the model"},
+                                                 {22, "parameter PERTURBATION of *STEP is not understood"},
+                                                 {25, "axis 7 of a force must be 1, 2 or 3"}};
+    check_foreign_mistakes(inp_read, "tests/data/mistakes.inp", expected);
 }
 
 /* Steps that are not whole, or do not say what holds at their end. */
