@@ -70,6 +70,8 @@ fi
 (cd "$folder" && PYTHONPATH="$root/examples/python" python3 "$root/examples/python/pull.py" >pull.txt) &&
     grep -q "^pulled by 30 mm it takes [1-9]" "$folder/pull.txt" && [ -s "$folder/pulled.vtk" ]
 report $? "pull.py"
+(cd "$folder" && PYTHONPATH="$root/examples/python" python3 "$root/tests/bindings/check_export.py" "$root/examples")
+report $? "networks from Python"
 
 # A wheel that works where it was put, with nothing else of ours about.
 if python=$(python_with "setuptools, wheel") && "$python" -m pip --version >/dev/null 2>&1; then
