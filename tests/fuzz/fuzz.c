@@ -24,6 +24,7 @@
 #include "target_inp.h"
 #include "target_mesh.h"
 #include "target_needle.h"
+#include "target_network.h"
 #include "target_precond.h"
 #include "target_register.h"
 #include "target_xml.h"
@@ -46,6 +47,7 @@ static const struct fuzz_target {
                     {"feb", fuzz_feb},
                     {"state", fuzz_state},
                     {"record", fuzz_record},
+                    {"network", fuzz_network},
                     {"body", fuzz_body},
                     {"cloud", fuzz_cloud},
                     {"vtu", fuzz_vtu},
