@@ -464,8 +464,8 @@ race: $(HEADERS) build/bench/bench_step build/bench/bench_jumps
 # elsewhere the program mutates the corpus by itself. The corpus is also a test.
 FUZZ_SECONDS = 10
 FUZZ_CFLAGS = -O1 -g
-FUZZ_TARGETS = vtk gmsh tetgen surface geometry mesh case inp xml feb state record network body cloud vtu medit needle_state \
-	needle_program icp cpd match nicp precond image igtl
+FUZZ_TARGETS = vtk gmsh tetgen surface geometry mesh case inp xml feb msml state record network body cloud vtu medit \
+	needle_state needle_program icp cpd match nicp precond image igtl
 FUZZ_PARTS = $(FUZZERS) $(HEADERS) $(wildcard tests/fuzz/*.h examples/*.h)
 CORPUS_TESTS = $(foreach target,$(FUZZ_TARGETS),"build/fuzz/plain $(target) tests/fuzz/corpus/$(target)/*")
 CAN_FUZZ = $(shell echo 'int LLVMFuzzerTestOneInput(void); int LLVMFuzzerTestOneInput(void) { return 0; }' | \

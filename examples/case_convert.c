@@ -3,16 +3,17 @@
  *     cc -O3 case_convert.c -lm -o case_convert
  *     ./case_convert IN OUT [--as-svk]
  *
- * IN ends in .case or .inp, OUT in one of these or .feb. Of a case CASE.case its mesh and lists are written beside it.
+ * IN ends in .case, .inp, .feb or .msml.xml, OUT in one of the first three or .scn. Of a case CASE.case its mesh and
+ * lists are written beside it.
  */
 #include "system.h"
 
 #define SB_IMPLEMENTATION
 #include "softbody.h"
 
-#include "case_feb.h"
 #include "case_feb_write.h"
 #include "case_inp_write.h"
+#include "case_msml.h"
 #include "case_scn_write.h"
 #include "case_write.h"
 
@@ -21,6 +22,7 @@ static const char help[] =
     "\n"
     "IN, OUT   CASE.case (case_solve --help tells its grammar), MODEL.inp, of Abaqus or CalculiX, or MODEL.feb, of\n"
     "          FEBio (formats 4.0 and 3.0 are read, 4.0 is written)\n"
+    "IN        also MODEL.msml.xml, of MSML\n"
     "OUT       also SCENE.scn, of SOFA: tet4 of one material\n"
     "--as-svk  writes corotated material, which no .inp and no .feb can say, and linear material, which no .feb can,\n"
     "          as St.Venant-Kirchhoff's\n"
@@ -34,9 +36,9 @@ static const char help[] =
     "\n"
     "Exits with 0, or with 2 and what is wrong.\n";
 
-/* Files that are read, and one that is written only. */
-static const char *const endings[] = {"case", "inp", "feb", "scn"};
-enum { READ_COUNT = 3, WRITTEN_COUNT = 4 };
+static const char *const read_endings[] = {"case", "inp", "feb", "msml.xml"};
+static const char *const written_endings[] = {"case", "inp", "feb", "scn"};
+enum { ENDING_COUNT = 4 }; /* of either */
 
 enum { EXIT_CONVERTED = 0, EXIT_WRONG = 2 };
 
@@ -86,15 +88,15 @@ static int convert(const char *in, const char *out, int as_svk)
     return status;
 }
 
-/* Whether the name ends in one of the first `count` endings; says so when it does not. */
-static int has_ending(const char *path, int count)
+/* Whether the name ends in one of them; says so when it does not. */
+static int has_ending(const char *path, const char *const endings[ENDING_COUNT])
 {
-    for (int i = 0; i < count; i++)
+    for (int i = 0; i < ENDING_COUNT; i++)
         if (foreign_ends_in(path, endings[i]))
             return 1;
     fprintf(stderr, "case_convert: %s must end in", path);
-    for (int i = 0; i < count; i++)
-        fprintf(stderr, "%s.%s", i == 0 ? " " : i + 1 == count ? " or " : ", ", endings[i]);
+    for (int i = 0; i < ENDING_COUNT; i++)
+        fprintf(stderr, "%s.%s", i == 0 ? " " : i + 1 == ENDING_COUNT ? " or " : ", ", endings[i]);
     fprintf(stderr, "\n");
     return 0;
 }
@@ -119,7 +121,7 @@ static int program(int argc, char **argv)
         fputs("usage: case_convert IN OUT [--as-svk]; see --help\n", stderr);
         return EXIT_WRONG;
     }
-    if (!has_ending(paths[0], READ_COUNT) || !has_ending(paths[1], WRITTEN_COUNT))
+    if (!has_ending(paths[0], read_endings) || !has_ending(paths[1], written_endings))
         return EXIT_WRONG;
     return convert(paths[0], paths[1], as_svk);
 }

@@ -1380,12 +1380,4 @@ static inline int feb_read(case_file *c, const char *path)
     return inp_finish(&f.model);
 }
 
-/* Reads a model of any kind that there is a reader for, by the ending of its name. */
-static inline int case_open(case_file *c, const char *path)
-{
-    return foreign_ends_in(path, "inp")   ? inp_read(c, path)
-           : foreign_ends_in(path, "feb") ? feb_read(c, path)
-                                          : case_read(c, path);
-}
-
 #endif /* CASE_FEB_H */

@@ -1,7 +1,7 @@
 /* case_solve: solves what a case file describes and writes what it asks for.
  *
  *     cc -O3 case_solve.c -lm -o case_solve
- *     ./case_solve CASE.case|MODEL.inp|MODEL.feb [OUT.vtk] [-p PREFIX] [--mass KIND]
+ *     ./case_solve CASE.case|MODEL.inp|MODEL.feb|MODEL.msml.xml [OUT.vtk] [-p PREFIX] [--mass KIND]
  *
  * --help tells the grammar of a case file. case_reader.h reads it; this file solves and writes. */
 #include "system.h"
@@ -9,12 +9,12 @@
 #define SB_IMPLEMENTATION
 #include "softbody.h"
 
-#include "case_feb.h"
+#include "case_msml.h"
 #include "case_write.h"
 #include "cut_file.h"
 
 static const char help[] =
-    "case_solve CASE.case|MODEL.inp|MODEL.feb [OUT.vtk] [-p PREFIX] [--mass consistent|reduced|lumped]\n"
+    "case_solve CASE.case|MODEL.inp|MODEL.feb|MODEL.msml.xml [OUT.vtk] [-p PREFIX] [--mass consistent|reduced|lumped]\n"
     "\n"
     "Solves the case and writes its outputs to the current directory, with PREFIX before their names.\n"
     "OUT.vtk (or -o OUT.vtk): the deformed mesh with displacement and von Mises stress for ParaView.\n"
@@ -93,6 +93,7 @@ static const char help_notes[] =
     "MODEL.feb: an input file of FEBio, format 4.0 or 3.0, likewise; reactions and stresses are written where its "
     "log\n"
     "has them.\n"
+    "MODEL.msml.xml: a file of MSML, likewise, with its mesh or the surface that its mesher fills beside it.\n"
     "Integration points: tet4 1, tet10 4 (8 when its sides are curved), hex8 8, hex20 and hex27 27.\n"
     "\n"
     "Prints `converged steps=N newton=N pcg=N seconds=S` and exits with 0. A wrong case: 2, and nothing is "
@@ -672,7 +673,8 @@ static int program(int argc, char **argv)
         return EXIT_CONVERGED;
     }
     if (!take_arguments(&r, argc, argv)) {
-        fputs("usage: case_solve CASE.case|MODEL.inp|MODEL.feb [OUT.vtk] [-p PREFIX] [--mass KIND]; see --help\n",
+        fputs("usage: case_solve CASE.case|MODEL.inp|MODEL.feb|MODEL.msml.xml [OUT.vtk] [-p PREFIX] [--mass KIND]; see "
+              "--help\n",
               stderr);
         return EXIT_WRONG_CASE;
     }

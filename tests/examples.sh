@@ -93,7 +93,7 @@ same_numbers() { # same_numbers FILE FILE: lines NODE UX UY UZ that agree within
 expect 0 '^case_convert IN OUT' case_convert --help
 expect 2 '^usage: case_convert' case_convert only.inp
 expect 2 'must end in .case, .inp, .feb or .scn' case_convert a.inp b.vtk
-expect 2 'must end in .case, .inp or .feb' case_convert a.scn b.inp
+expect 2 'must end in .case, .inp, .feb or .msml.xml' case_convert a.scn b.inp
 expect 2 'no-such.inp:1: No such file' case_convert no-such.inp b.case
 expect 2 'mistakes.inp:8: elements C3D8R are not read' case_convert "$tests/mistakes.inp" b.case
 check "all ten mistakes are listed" [ "$(wc -l <output.txt)" = 10 ]
@@ -136,6 +136,21 @@ expect 0 '^gel.case: 36 nodes' case_convert gel.inp gel.case
 sed 's/^solve.*/solve modes count=3/; /^output/d' gel.case >humming.case
 expect 2 'solve modes cannot be said' case_convert humming.case humming.feb
 expect 2 'turning.case:1: elements of type hex8 cannot be said in a scene' case_convert turning.case turning.scn
+
+# A file of MSML, whose mesh is beside it.
+cp "$tests/beam.msml.xml" "$tests/beam.vtk" .
+expect 0 '^beam.case: 20 nodes, 24 tet4$' case_convert beam.msml.xml beam.case
+expect 0 'beam.msml.xml:40: operator <copyFile> is left out' case_solve beam.msml.xml -p msml_
+expect 0 '^converged' case_solve beam.case -p by_case_
+check "a model of MSML has the same solution" same_numbers msml_displacement.txt by_case_displacement.txt
+expect 2 'beam.msml.xml:45: solve euler cannot be said' case_convert beam.msml.xml beam.inp
+expect 0 '^beam.scn: 20 nodes' case_convert beam.msml.xml beam.scn
+sed 's/dynamicImplicitEuler/Newmark/' beam.msml.xml >waves.msml.xml
+expect 0 '^waves.inp: 20 nodes' case_convert waves.msml.xml waves.inp
+expect 0 '^waves.feb: 20 nodes' case_convert waves.msml.xml waves.feb --as-svk
+expect 2 'mistakes.msml.xml:11: <contact> is not understood' case_convert "$tests/mistakes.msml.xml" b.case
+check "all ten mistakes are listed" [ "$(wc -l <output.txt)" = 10 ]
+check "case_convert writes nothing of a wrong file of MSML" is_gone b.case
 if command -v ccx >/dev/null 2>&1; then
     check "CalculiX solves it" eval "ccx block >ccx.txt 2>&1"
     awk '/displacements/ { on = 1 } on && NF == 4' block.dat >ccx_displacement.txt

@@ -23,6 +23,7 @@
 #include "target_igtl.h"
 #include "target_inp.h"
 #include "target_mesh.h"
+#include "target_msml.h"
 #include "target_needle.h"
 #include "target_network.h"
 #include "target_precond.h"
@@ -45,6 +46,7 @@ static const struct fuzz_target {
                     {"inp", fuzz_inp},
                     {"xml", fuzz_xml},
                     {"feb", fuzz_feb},
+                    {"msml", fuzz_msml},
                     {"state", fuzz_state},
                     {"record", fuzz_record},
                     {"network", fuzz_network},
