@@ -2379,11 +2379,12 @@ static inline void inp_start(inp_reader *r, case_file *c)
 static inline int inp_finish(inp_reader *r)
 {
     case_file *c = r->c;
+    int is_whole;
     if (r->no_memory && c->faults.count == 0)
         inp_complain(r, r->here, "out of memory");
+    is_whole = !r->no_memory && !c->message[0] && c->faults.count == 0; /* a fault's line may have found no memory */
     inp_free(r);
-    return c->faults.count == 0 && case_find_singles(c) && inp_check_mesh(c) && case_load_materials(c) &&
-           case_load_rest(c);
+    return is_whole && case_find_singles(c) && inp_check_mesh(c) && case_load_materials(c) && case_load_rest(c);
 }
 
 /* Reads an input file, as case_read does a case. What is wrong is listed in c->faults. */
