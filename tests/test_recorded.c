@@ -891,12 +891,14 @@ static int takes_body(const char *declaration)
 }
 
 /* Changes of the mesh, which need slack, are recorded and replayed in test_live_mesh.c, and what bears none, second
- * families of fibres and heat, in test_fibres.c and test_heat.c; listeners change no body, and unloading makes one. */
+ * families of fibres and heat, in test_fibres.c and test_heat.c; networks' guesses in test_network_predict.c. Listeners
+ * change no body, unloading makes one, and gradients of motions refuse those that are recorded (test_motion.c). */
 static int has_act(const char *name)
 {
-    static const char *const elsewhere[] = {"sb_body_destroy", "sb_body_create",         "sb_body_change_begin",
-                                            "sb_body_listen",  "sb_body_unlisten",       "sb_body_set_second_fibres",
-                                            "sb_body_unload",  "sb_particles_stabilise", "sb_heat_create"};
+    static const char *const elsewhere[] = {"sb_body_destroy",    "sb_body_create",         "sb_body_change_begin",
+                                            "sb_body_listen",     "sb_body_unlisten",       "sb_body_set_second_fibres",
+                                            "sb_body_unload",     "sb_particles_stabilise", "sb_heat_create",
+                                            "sb_network_predict", "sb_recording_gradient"};
     for (int i = 0; i < ACT_COUNT; i++)
         if (strcmp(acts[i].name, name) == 0)
             return 1;
