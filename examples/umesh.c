@@ -323,7 +323,7 @@ static void train_epochs(work *w, train_network *n, int *order, float *best)
 {
     int count = test_begin(w), batch = w->set->batch, steps = w->set->epochs * ((count + batch - 1) / batch);
     uint64_t state = (uint64_t)w->set->seed + 1;
-    double least = INFINITY;
+    double least = (double)INFINITY;
     for (int k = 0; k < count; k++)
         order[k] = k;
     for (int epoch = 0; epoch < w->set->epochs; epoch++) {

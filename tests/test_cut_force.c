@@ -451,7 +451,7 @@ static void test_waiting(void)
     pushes_of(&b, sb_v3(0, 0, 0), &now, &moved);
     CHECK(memcmp(&now, &force, sizeof now) == 0);
     scene_fix_plane(b.body, &b.mesh, 0, 0, SB_XYZ);
-    scene_fix_plane(b.body, &b.mesh, 0, REAL(0.06), SB_XYZ);
+    scene_fix_plane(b.body, &b.mesh, 0, 0.06, SB_XYZ);
     if (sb_body_solve_static(b.body, &options, &info) == SB_OK)
         for (int i = 0; i < sb_body_node_count(b.body); i++)
             CHECK_NEAR(sb_v3_norm(sb_body_displacements(b.body)[i]), 0, 1e-9);

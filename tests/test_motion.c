@@ -255,8 +255,9 @@ static void motion_compare(const motion_case *of, const char *name)
     sb_recording_loss loss = motion_loss(&m);
     sb_recording_slopes slopes;
     uint64_t end = sb_body_state_hash(m.body);
-    sb_error error = {SB_OK};
+    sb_error error;
     double worst = 0;
+    memset(&error, 0, sizeof error);
     slopes.gradient = gradient;
     slopes.displacement = vectors;
     slopes.velocity = vectors + nodes;

@@ -105,24 +105,19 @@ static void test_file(void)
     free(input), free(in), free(out);
 }
 
-enum { SAMPLES = 1 };
-
-/* Trains on so many samples; returns the root of the last loss over that of the targets. */
+/* Trains on one sample; returns the root of the last loss over that of the target. */
 static double learn(train_network *n, int steps)
 {
     static const int counts[3] = {4, 4, 4};
     size_t nodes = train_nodes(counts);
-    double *input = random_values(SAMPLES * 2 * nodes, 4), *target = random_values(SAMPLES * 3 * nodes, 5), loss = 0;
+    double *input = random_values(2 * nodes, 4), *target = random_values(3 * nodes, 5), loss = 0;
     unsigned char *mask = random_mask(nodes, 6);
     make(n, counts, 2, 1, 12, 8);
     for (int step = 0; step < steps; step++) {
-        loss = 0;
-        for (size_t s = 0; s < SAMPLES; s++) {
-            train_forward(n, input + s * 2 * nodes);
-            loss += train_measure(n, target + s * 3 * nodes, mask) / SAMPLES;
-            train_backward(n);
-        }
-        train_adam(n, train_cosine(2e-3, step, steps), SAMPLES);
+        train_forward(n, input);
+        loss = train_measure(n, target, mask);
+        train_backward(n);
+        train_adam(n, train_cosine(2e-3, step, steps), 1);
     }
     free(input), free(target), free(mask);
     return sqrt(loss) / sqrt(1.0 / 3);
