@@ -5,6 +5,7 @@
  * computes in float whatever sb_real is.
  *
  * ```c fragment
+ * static float input[8 * 8 * 32 * 7], output[8 * 8 * 32 * 3]; // of the lattice that the network was trained on
  * sb_network *network = NULL;
  * if (sb_network_load("liver.sbnet", NULL, &network, &error) == SB_OK)
  *     sb_network_run(network, input, output);

@@ -20,10 +20,19 @@
  * Such an answer is a guess, and is treated as one:
  * ```c fragment
  * sb_network_input seen = sb_default_network_input();
+ * sb_vec3 displacements[9] = {{0, 0, 0}}; // of nodes[9], which are seen (m)
+ * sb_network *network = NULL;
  * sb_network_info info;
- * seen.nodes = nodes, seen.displacements = displacements, seen.count = count;
- * if (sb_network_predict(network, &grid, body, &seen, &info, &error) == SB_OK)
- *     printf("%s: it is out of balance by %g of the loads\n", info.taken ? "taken" : "refused", info.residual);
+ * sb_grid grid; // that the body was made from
+ * memset(&grid, 0, sizeof grid);
+ * seen.nodes = nodes;
+ * seen.displacements = displacements;
+ * seen.count = 9;
+ * if (sb_network_load("liver.sbnet", NULL, &network, &error) == SB_OK &&
+ *     sb_network_predict(network, &grid, body, &seen, &info, &error) == SB_OK)
+ *     printf("%s: it is out of balance by %g of the loads\n", info.taken ? "taken" : "refused",
+ *            (double)info.residual);
+ * sb_network_destroy(network);
  * ``` */
 enum { SB_NETWORK_CHANNELS = 7 };
 
