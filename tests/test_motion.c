@@ -321,7 +321,7 @@ static sb_result motion_gradient(motion *m, const sb_recording *recording, const
     return sb_recording_gradient(recording, m->body, &loss, p, count, &slopes, error);
 }
 
-/* A saved recording on a body that has gone elsewhere gives the same bits, whatever threads there are. */
+/* A saved recording on a body that has gone elsewhere gives the same bits. */
 static void test_same_bits(void)
 {
     motion m = motion_make(&plain_case, OF_NOTHING, 0);

@@ -358,7 +358,7 @@ static uint64_t sbi_state_mesh_hash(const sb_body *body)
 }
 
 /* Pieces that the preconditioner was to have. How many it made follows from the matrix' pattern, which is another
- * before loads and constraints are read that couple nodes; states of versions up to 1.0 have that number. */
+ * before loads and constraints are read that couple nodes; states that earlier versions saved have that number. */
 static void sbi_state_coarse(const sb_body *body, sbi_state_walk *walk)
 {
     const int wanted = sbi_precond_wanted_pieces(body->precond);
