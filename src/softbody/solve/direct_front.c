@@ -439,7 +439,7 @@ static void sbi_front_pack_columns(const sb_real *from, size_t stride, int rows,
 static void sbi_front_reduce_columns(const sb_real *l, size_t height, const int *known, int rows, int depth, sb_real *x,
                                      size_t stride, int first, int count, sb_real *pack)
 {
-    sb_real *gathered = pack + SBI_FRONT_COLUMNS * SBI_FRONT_SOLVED;
+    sb_real *gathered = pack + (size_t)SBI_FRONT_COLUMNS * SBI_FRONT_SOLVED;
     sb_real tile[(int)SBI_FRONT_TILE * (int)SBI_FRONT_GROUP];
     sbi_front_pack_columns(l, height, rows, depth, pack);
     for (int g = 0; g < count; g++) {
