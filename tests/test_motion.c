@@ -97,19 +97,20 @@ static void motion_tie(motion *m)
     CHECK_OK(sb_body_add_constraints(m->body, terms, counts, values, 2, NULL, NULL));
 }
 
-/* The body before its first step. */
-static motion motion_make(const motion_case *of, motion_change change, double h)
+/* The body before its first step: a box of so many cells each way, twice as many along x. */
+static motion motion_make_of(const motion_case *of, motion_change change, double h, int cells, sb_jobs jobs)
 {
     motion m;
     sb_body_def def = sb_default_body_def();
     int nodes;
     memset(&m, 0, sizeof m);
     m.of = of;
-    m.mesh = scene_box(of->type, 2, 1, 1, sb_v3(1, REAL(0.5), REAL(0.5)), 0.1);
+    m.mesh = scene_box(of->type, 2 * cells, cells, cells, sb_v3(1, REAL(0.5), REAL(0.5)), 0.1);
     for (int i = 0; i < m.mesh.node_count; i++)
         if (m.mesh.nodes[i].x > REAL(1 - 1e-6) && m.high_count < 64)
             m.high[m.high_count++] = i;
     def.mesh = &m.mesh;
+    def.jobs = jobs;
     def.material = motion_material(of->model, 5000 + (change == OF_YOUNG ? h : 0), 0.3 + (change == OF_POISSON ? h : 0),
                                    change == OF_CONSTANT ? h : 0, 1000 + (change == OF_DENSITY ? h : 0));
     def.mass = of->mass;
@@ -139,6 +140,11 @@ static motion motion_make(const motion_case *of, motion_change change, double h)
         free(v);
     }
     return m;
+}
+
+static motion motion_make(const motion_case *of, motion_change change, double h)
+{
+    return motion_make_of(of, change, h, 1, sb_default_body_def().jobs);
 }
 
 static void motion_free(motion *m)
@@ -345,6 +351,24 @@ static void test_same_bits(void)
     motion_free(&m);
 }
 
+/* Nor do threads change any, of the motion nor of its slopes. */
+static void test_threads(void)
+{
+    static const int numbers[] = {1, 2, 3, 7};
+    sb_real first[MOTION_PARAMETERS], again[MOTION_PARAMETERS];
+    for (int i = 0; i < (int)(sizeof numbers / sizeof numbers[0]); i++) {
+        int workers = numbers[i];
+        motion m = motion_make_of(&plain_case, OF_NOTHING, 0, 5, scene_jobs(&workers));
+        sb_recording *recording = motion_record(&m);
+        sb_parameter parameters[MOTION_PARAMETERS];
+        motion_parameters(&m, parameters);
+        CHECK_OK(motion_gradient(&m, recording, parameters, MOTION_PARAMETERS, i ? again : first, NULL));
+        CHECK(i == 0 || memcmp(first, again, sizeof first) == 0);
+        sb_recording_destroy(recording);
+        motion_free(&m);
+    }
+}
+
 /* Refused with this result and words, and the body is what it was. */
 static void check_refused(motion *m, const sb_recording *recording, const sb_parameter *p, sb_result expected,
                           const char *words)
@@ -507,6 +531,6 @@ static void test_memory(void)
     CHECK(memory.live == 0);
 }
 
-CHECK_SUITE(motion, {"gradients", test_gradients}, {"same bits", test_same_bits},
+CHECK_SUITE(motion, {"gradients", test_gradients}, {"same bits", test_same_bits}, {"threads", test_threads},
             {"parameters that are refused", test_refused_parameters},
             {"motions that are refused", test_refused_motions}, {"memory", test_memory});
