@@ -160,17 +160,30 @@ static inline int organ_make_body(organ *o, const sb_body_def *given, const sb_c
     return 0;
 }
 
+/* Normal of a face of the skin at rest, out of the organ, as long as its area (m^2); mid nodes are passed over. */
+static inline sb_vec3 organ_face_area(const organ *o, int face)
+{
+    const sb_mesh *surface = &o->boundary.surface;
+    const sb_vec3 *x = surface->nodes;
+    const int corners = sb_element_corner_count(surface->element_type);
+    const int *n = surface->elements + (size_t)face * (size_t)sb_mesh_element_width(surface);
+    sb_vec3 one = sb_v3_sub(x[n[1]], x[n[0]]), other = sb_v3_sub(x[n[corners - 1]], x[n[0]]);
+    if (corners == 4) /* of the diagonals */
+        one = sb_v3_sub(x[n[2]], x[n[0]]), other = sb_v3_sub(x[n[3]], x[n[1]]);
+    return sb_v3_scale((sb_real)0.5, sb_v3_cross(one, other));
+}
+
 /* Holds the nodes, from one x to another, of faces that look down; none: what is said where there are none. */
 static inline int organ_hold_below(const organ *o, double from, double to, const char *none)
 {
     const sb_mesh *surface = &o->boundary.surface;
     const sb_vec3 *x = surface->nodes;
-    const int corners = sb_element_corner_count(surface->element_type), width = sb_mesh_element_width(surface);
+    const int width = sb_mesh_element_width(surface);
     int held = 0;
     sb_error error;
     for (int f = 0; f < surface->element_count; f++) {
         const int *n = surface->elements + (size_t)f * (size_t)width;
-        sb_vec3 normal = sb_v3_cross(sb_v3_sub(x[n[1]], x[n[0]]), sb_v3_sub(x[n[corners - 1]], x[n[0]]));
+        sb_vec3 normal = organ_face_area(o, f);
         if (normal.z > (sb_real)-0.5 * sb_v3_norm(normal))
             continue;
         for (int a = 0; a < width; a++) {

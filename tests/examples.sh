@@ -1,6 +1,6 @@
 #!/bin/sh
 # Runs case_convert, hello, custom_element, demo, viscoelastic, haptic_loop, liver_models, surface_to_sim, cylinder_study,
-# viewer, umesh, particles_study, the needle programs, grasp, palpation, identify, drop, igtl_server, igtl_client, cut_scalpel, cautery, ablation, cut_resect,
+# viewer, umesh, particles_study, the needle programs, grasp, palpation, identify, drop, breathing, igtl_server, igtl_client, cut_scalpel, cautery, ablation, cut_resect,
 # cut_force, cut_study, one_body, register_liver, track_liver and insilico as
 # a user would, with good and bad arguments and files:
 #
@@ -929,6 +929,30 @@ expect 2 'no-such.vtk' drop no-such.vtk
 expect_data 2 'is a surface' drop surfaces/liver_a.obj
 expect 2 'no-such-folder/x.csv: cannot be written' drop --count 1 --cells 2 --seconds 0.1 -o no-such-folder/x
 
+# ---- breathing ----
+expect 0 '^usage: breathing' breathing --help
+breathe="breathing --cells 6 --period 1 --beat 0"
+for diaphragm in '' --bound; do
+    expect 0 '^target_mm=[0-9.]* largest_mm=[0-9.]* force_N=[0-9.]* frames=60 median_ms=' $breathe --seconds 1 $diaphragm -o breath
+    check "it goes with the diaphragm" holds "$(last target_mm) > 5 && $(last largest_mm) < 17 && $(last force_N) > 1"
+    check "it comes back" awk -F, 'END { exit !($4 < 0.5 && $5 < 1) }' breath.csv
+    check "no volume is lost" awk -F, 'NR > 1 { v = $7 < 0 ? -$7 : $7; if (v > 2) bad = 1 } END { exit bad }' breath.csv
+    check "breath.png is a picture" is_png breath.png
+done
+check "a row for each frame" [ "$(wc -l <breath.csv | tr -d ' ')" = 61 ]
+check "a chart of three panels" [ "$(grep -c 'time (s)' breath.svg)" = 3 ]
+expect 0 'heart 2 mm at 120 a minute' breathing --cells 4 --breath 0 --pulse 120 --seconds 0.5 --every 10 -o heart
+check "a series of the frames" [ "$(ls heart_*.vtk | wc -l | tr -d ' ')" = 3 ]
+check "the heart pushes" holds "$(last largest_mm) > 0.5 && $(last force_N) > 0"
+expect 0 '^target_mm=0 largest_mm=0 force_N=0 ' breathing --cells 4 --breath 0 --beat 0 --seconds 0.1 --bound -o still
+long expect_data 0 '^target_mm=' breathing volumes/liver_a_tet4_2k.vtk --seconds 1 -o organ
+expect 2 '--breath needs a number from' breathing --breath 1
+expect 2 '--rate needs a number from' breathing --rate 0
+expect 2 '--hard is no option' breathing --hard
+expect 2 'no-such.vtk' breathing no-such.vtk
+expect_data 2 'is a surface' breathing surfaces/liver_a.obj
+expect 2 'no-such-folder/x.csv: cannot be written' breathing --cells 4 --seconds 0.1 -o no-such-folder/x
+
 # ---- cut_scalpel ----
 expect 0 '^usage: cut_scalpel' cut_scalpel --help
 expect 0 '^parts=1 gape_mm=[0-9.]* links=[0-9]* cells=[0-9]* nodes=[0-9]* frames=[0-9]*$' cut_scalpel --write-stroke path.txt
@@ -1152,7 +1176,7 @@ expect 2 'no-such-folder' needle_study --quick -o no-such-folder/study
 # ---- a full disk ----
 all="hello custom_element demo viscoelastic liver_models surface_to_sim cylinder_study umesh particles_study needle_prostate needle_forces
     needle_control needle_obstacles needle_phantom one_body register_liver insilico case_solve haptic_loop grasp
-    palpation track_liver drop cut_scalpel cut_resect cut_force cut_study
+    palpation track_liver drop breathing cut_scalpel cut_resect cut_force cut_study
     needle_study igtl_server igtl_client"
 # full_stdout PROGRAM [ARGUMENT...]: what is printed cannot be written, which is told, and is no success
 full_stdout() {
@@ -1203,6 +1227,7 @@ if (trap '' XFSZ && ulimit -f 0 && ! echo text >probe) 2>/dev/null; then
     full_disk x.csv $track -o full/x
     full_disk x.csv palpation --cells 6 --size 0.012 --grid 5 -o full/x
     full_disk x.csv drop --count 1 --cells 2 --seconds 0.1 -o full/x
+    full_disk x.csv breathing --cells 4 --seconds 0.1 -o full/x
     full_disk x.csv cut_scalpel --cells 4 --frames 1 --every 0 -o full/x
     full_disk x.csv $resect --lift 0 -o full/x
     full_disk x.csv $force --speed 1 -o full/x
