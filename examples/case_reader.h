@@ -1895,13 +1895,16 @@ static inline int case_start(case_file *c, const char *path)
     return c->text || case_fail(c, 1, "%s", reason);
 }
 
+/* The rest of case_read, from c->text on. */
+static inline int case_read_started(case_file *c)
+{
+    return case_parse(c) && case_load_mesh(c) && case_load_selections(c) && case_make_regions(c) &&
+           case_load_materials(c) && case_load_lists(c) && case_load_rest(c);
+}
+
 /* Reads the case file at `path` and the files it names. Returns 1, or 0 with c->error_line and c->message
  * telling what is wrong. *c is overwritten; release it with case_free in either case. */
-static inline int case_read(case_file *c, const char *path)
-{
-    return case_start(c, path) && case_parse(c) && case_load_mesh(c) && case_load_selections(c) &&
-           case_make_regions(c) && case_load_materials(c) && case_load_lists(c) && case_load_rest(c);
-}
+static inline int case_read(case_file *c, const char *path) { return case_start(c, path) && case_read_started(c); }
 
 /* ---- the body ------------------------------------------------------------------------------------------ */
 

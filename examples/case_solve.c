@@ -2,6 +2,7 @@
  *
  *     cc -O3 case_solve.c -lm -o case_solve
  *     ./case_solve CASE.case|MODEL.inp|MODEL.feb|MODEL.msml.xml [OUT.vtk] [-p PREFIX] [--mass KIND]
+ *     ./case_solve CASE.case --vary TABLE.csv --study ROWS.csv [--shard I/N] [--mass KIND]
  *
  * --help tells the grammar of a case file. case_reader.h reads it; this file solves and writes. */
 #include "system.h"
@@ -10,11 +11,14 @@
 #include "softbody.h"
 
 #include "case_msml.h"
+#include "case_vary.h"
 #include "case_write.h"
 #include "cut_file.h"
+#include "shard.h"
 
 static const char help[] =
     "case_solve CASE.case|MODEL.inp|MODEL.feb|MODEL.msml.xml [OUT.vtk] [-p PREFIX] [--mass consistent|reduced|lumped]\n"
+    "case_solve CASE.case --vary TABLE.csv --study ROWS.csv [--shard I/N] [--mass KIND]\n"
     "\n"
     "Solves the case and writes its outputs to the current directory, with PREFIX before their names.\n"
     "OUT.vtk (or -o OUT.vtk): the deformed mesh with displacement and von Mises stress for ParaView.\n"
@@ -65,10 +69,10 @@ static const char help[] =
     "  output    displacement|reaction|stress FILE\n"
     "  output    frequencies FILE            lines: MODE F_HZ, ascending, rigid modes included\n"
     "  output    probe NODE FILE             one line per step: time (static: share of the load) and "
-    "displacement\n"
-    "  expect    probe NODE value=UX,UY,UZ tol=T        its displacement at the end (m), else exit status 4\n";
+    "displacement\n";
 
 static const char help_notes[] =
+    "  expect    probe NODE value=UX,UY,UZ tol=T        its displacement at the end (m), else exit status 4\n"
     "\n"
     "Static: load steps grow and shrink with Newton's success, beginning with N equal ones; iterations (30) "
     "is the\n"
@@ -94,6 +98,12 @@ static const char help_notes[] =
     "log\n"
     "has them.\n"
     "MODEL.msml.xml: a file of MSML, likewise, with its mesh or the surface that its mesher fills beside it.\n"
+    "--vary: a study. TABLE.csv has names in its first line and a case in each other one; $NAME or ${NAME} in the "
+    "case\n"
+    "file is what the case's line has for it. ROWS.csv gets a line for each case: its values, whether it converged,\n"
+    "steps, Newton iterations, the largest displacement (m) and those of probes at the end, or its frequencies (Hz);\n"
+    "other outputs are not written. --shard I/N does the I-th of N shares; run again it goes on where it was, and\n"
+    "examples/study/merge.sh joins the shares' files.\n"
     "Integration points: tet4 1, tet10 4 (8 when its sides are curved), hex8 8, hex20 and hex27 27.\n"
     "\n"
     "Prints `converged steps=N newton=N pcg=N seconds=S` and exits with 0. A wrong case: 2, and nothing is "
@@ -122,6 +132,9 @@ typedef struct run {
     case_file file;
     sb_body *body;
     const char *case_path, *vtk_path, *prefix, *mass;
+    const char *table, *study, *share; /* of a study; or NULL */
+    const case_vary *vary;             /* of a study, with the case's row; or NULL */
+    int row;
     probe *probes;
     int probe_count;
     sb_vec3 *displacement, *reaction; /* [nodes of the body] of the last converged state */
@@ -588,17 +601,18 @@ static int is_expected(const run *r)
     return ok;
 }
 
-static int solve_and_write(run *r)
+/* Up to what the solve left; 0: the case is wrong, which is said. */
+static int solve(run *r)
 {
-    clock_t begin = clock();
-    double seconds;
-    if (!case_open(&r->file, r->case_path))
-        return complain(r);
-    print_notes(r);
+    if (!(r->vary ? case_vary_open(&r->file, r->case_path, r->vary, r->row) : case_open(&r->file, r->case_path)))
+        return 0;
+    if (!r->vary)
+        print_notes(r);
     r->file.mass = r->mass_kind;
-    if (!case_create_body(&r->file, &r->body) || !prepare(r) || !check_outputs(r))
-        return complain(r);
-    print_crumbs(r);
+    if (!case_create_body(&r->file, &r->body) || !prepare(r) || (!r->vary && !check_outputs(r)))
+        return 0;
+    if (!r->vary)
+        print_crumbs(r);
     if (r->file.solve->form->code == CASE_STATIC)
         solve_static(r);
     else if (r->file.solve->form->code == CASE_MODES)
@@ -606,6 +620,15 @@ static int solve_and_write(run *r)
     else
         solve_dynamic(r);
     progress_end();
+    return 1;
+}
+
+static int solve_and_write(run *r)
+{
+    clock_t begin = clock();
+    double seconds;
+    if (!solve(r))
+        return complain(r);
     seconds = (double)(clock() - begin) / (double)CLOCKS_PER_SEC;
     if (!write_all(r))
         return complain(r);
@@ -630,6 +653,193 @@ static void release(run *r)
     sb_body_destroy(r->body);
 }
 
+/* ---- studies ------------------------------------------------------------------------------------------- */
+
+/* Text that grows. */
+typedef struct line {
+    char *text;
+    size_t used, size;
+    int out_of_memory;
+} line;
+
+static void add(line *l, const char *words)
+{
+    size_t length = strlen(words);
+    if (l->used + length + 1 > l->size) {
+        char *larger = (char *)realloc(l->text, 2 * (l->used + length + 1));
+        l->out_of_memory = l->out_of_memory || !larger;
+        if (!larger)
+            return;
+        l->text = larger;
+        l->size = 2 * (l->used + length + 1);
+    }
+    memcpy(l->text + l->used, words, length + 1);
+    l->used += length;
+}
+
+static void add_number(line *l, double number)
+{
+    char words[40];
+    snprintf(words, sizeof words, ",%.17g", number);
+    add(l, words);
+}
+
+static void add_count(line *l, const char *before, long long count)
+{
+    char words[64];
+    snprintf(words, sizeof words, "%.30s%lld", before, count);
+    add(l, words);
+}
+
+/* What all shards of a study have in common: of this case, table and kind of mass. Columns as the first case has them,
+ * which is read for it. */
+static int make_heading(run *r, line *l)
+{
+    const case_file *c = &r->file;
+    char hash[40];
+    int probes = 0;
+    if (!case_start(&r->file, r->case_path))
+        return 0;
+    if (foreign_ends_in(r->case_path, "inp") || foreign_ends_in(r->case_path, "feb") ||
+        foreign_ends_in(r->case_path, "msml.xml"))
+        return case_fail(&r->file, 0, "a study needs a case file: case_convert makes one");
+    snprintf(hash, sizeof hash, " %016llx %016llx", case_vary_hash(c->text), r->vary->hash);
+    if (!case_vary_fill(&r->file, r->vary, 0) || !case_read_started(&r->file))
+        return 0;
+    add_count(l, "# case_solve cases=", r->vary->row_count);
+    add(l, hash);
+    add(l, r->mass ? " " : "");
+    add(l, r->mass ? r->mass : "");
+    add(l, "\ncase");
+    for (int i = 0; i < r->vary->column_count; i++) {
+        add(l, ",");
+        add(l, r->vary->words[i]);
+    }
+    add(l, ",end,steps,newton");
+    if (c->solve->form->code == CASE_MODES)
+        for (int i = 1; i <= (int)c->solve->number[CASE_COUNT]; i++)
+            add_count(l, ",f_hz_", i);
+    else
+        add(l, ",largest_m");
+    for (int i = 0; i < c->statement_count && c->solve->form->code != CASE_MODES; i++)
+        if (c->statements[i].form->kind == CASE_OUTPUT && c->statements[i].form->code == CASE_OUTPUT_PROBE)
+            for (int axis = 0; axis < 3; axis++) {
+                add_count(l, ",probe_", probes + (axis == 0));
+                probes += axis == 0;
+                add(l, axis == 0 ? "_x_m" : axis == 1 ? "_y_m" : "_z_m");
+            }
+    add(l, "\n");
+    return !l->out_of_memory || case_fail_memory(&r->file, 0);
+}
+
+static double largest_displacement(const run *r)
+{
+    double largest = 0;
+    for (int i = 0; i < r->file.mesh.node_count; i++)
+        largest = fmax(largest, (double)sb_v3_norm(r->displacement[i]));
+    return largest;
+}
+
+static int make_row(run *r, line *l)
+{
+    l->used = 0;
+    add_count(l, "", r->row);
+    for (int i = 0; i < r->vary->column_count; i++) {
+        add(l, ",");
+        add(l, case_vary_word(r->vary, r->row + 1, i));
+    }
+    add(l, r->failure[0] ? ",failed" : ",converged");
+    add_count(l, ",", r->steps);
+    add_count(l, ",", r->newton);
+    if (r->file.solve->form->code == CASE_MODES) {
+        for (int i = 0; i < (int)r->file.solve->number[CASE_COUNT]; i++)
+            if (i < r->mode_count)
+                add_number(l, (double)r->frequencies[i]);
+            else
+                add(l, ",");
+    } else {
+        add_number(l, largest_displacement(r));
+        for (int i = 0; i < r->probe_count; i++) {
+            sb_vec3 u = r->displacement[r->probes[i].statement->node];
+            add_number(l, (double)u.x);
+            add_number(l, (double)u.y);
+            add_number(l, (double)u.z);
+        }
+    }
+    add(l, "\n");
+    return !l->out_of_memory || case_fail_memory(&r->file, 0);
+}
+
+static run begin_case(const run *all, int row)
+{
+    run r;
+    memset(&r, 0, sizeof r);
+    r.case_path = all->case_path;
+    r.mass = all->mass;
+    r.mass_kind = all->mass_kind;
+    r.vary = all->vary;
+    r.row = row;
+    return r;
+}
+
+static int run_case(const run *all, shard *s, int row, line *l)
+{
+    run r = begin_case(all, row);
+    int status = EXIT_WRONG_CASE;
+    if (!solve(&r) || !make_row(&r, l)) {
+        fprintf(stderr, "%s: case %d of the table:\n", all->table, row);
+        complain(&r);
+    } else if (shard_write(s, l->text)) {
+        status = r.failure[0] ? EXIT_NOT_SOLVED : EXIT_CONVERGED;
+        if (r.failure[0])
+            fprintf(stderr, "%s:%d: case %d of the table: %s\n", r.case_path, r.file.solve->line, row, r.failure);
+    }
+    release(&r);
+    return status;
+}
+
+static int run_cases(const run *all, shard *s, line *l)
+{
+    int status = EXIT_CONVERGED, cases = all->vary->row_count;
+    printf("study: %d cases, shard %d of %d, %d to do\n", cases, s->index + 1, s->count, s->left);
+    for (int k = 0; k < cases && status != EXIT_WRONG_CASE; k++)
+        if (shard_is_mine(s, k)) {
+            int one = run_case(all, s, k, l);
+            status = one != EXIT_CONVERGED ? one : status;
+        }
+    return status;
+}
+
+static int run_study(run *all)
+{
+    case_vary vary;
+    shard s;
+    line l;
+    run first;
+    int status = EXIT_WRONG_CASE;
+    memset(&l, 0, sizeof l);
+    if (!shard_parse("case_solve", all->share ? all->share : "1/1", &s))
+        return EXIT_WRONG_CASE;
+    if (!case_vary_read(&vary, all->table)) {
+        fprintf(stderr, "%s\n", vary.message);
+        case_vary_free(&vary);
+        return EXIT_WRONG_CASE;
+    }
+    all->vary = &vary;
+    first = begin_case(all, 0); /* for the columns */
+    if (!make_heading(&first, &l))
+        complain(&first);
+    else if (shard_open(&s, all->study, l.text, vary.row_count))
+        status = run_cases(all, &s, &l);
+    shard_close(&s);
+    release(&first);
+    case_vary_free(&vary);
+    free(l.text);
+    return status;
+}
+
+/* ---- command line -------------------------------------------------------------------------------------- */
+
 /* Where the value of an option goes; NULL: no such option. */
 static const char **find_option(run *r, const char *name)
 {
@@ -637,6 +847,12 @@ static const char **find_option(run *r, const char *name)
         return &r->vtk_path;
     if (strcmp(name, "-p") == 0)
         return &r->prefix;
+    if (strcmp(name, "--vary") == 0)
+        return &r->table;
+    if (strcmp(name, "--study") == 0)
+        return &r->study;
+    if (strcmp(name, "--shard") == 0)
+        return &r->share;
     return strcmp(name, "--mass") == 0 ? &r->mass : NULL;
 }
 
@@ -654,6 +870,8 @@ static int take_arguments(run *r, int argc, char **argv)
         else
             *(r->case_path ? &r->vtk_path : &r->case_path) = argv[i];
     }
+    if (!r->table != !r->study || (r->share && !r->study) || (r->study && (r->vtk_path || r->prefix)))
+        return 0;
     if (!r->prefix)
         r->prefix = "";
     for (r->mass_kind = r->mass ? 0 : -1; r->mass && r->mass_kind < 3; r->mass_kind++)
@@ -673,12 +891,12 @@ static int program(int argc, char **argv)
         return EXIT_CONVERGED;
     }
     if (!take_arguments(&r, argc, argv)) {
-        fputs("usage: case_solve CASE.case|MODEL.inp|MODEL.feb|MODEL.msml.xml [OUT.vtk] [-p PREFIX] [--mass KIND]; see "
-              "--help\n",
+        fputs("usage: case_solve CASE.case|MODEL.inp|MODEL.feb|MODEL.msml.xml [OUT.vtk] [-p PREFIX] [--mass KIND]\n"
+              "       case_solve CASE.case --vary TABLE.csv --study ROWS.csv [--shard I/N] [--mass KIND]; see --help\n",
               stderr);
         return EXIT_WRONG_CASE;
     }
-    status = solve_and_write(&r);
+    status = r.study ? run_study(&r) : solve_and_write(&r);
     release(&r);
     return status;
 }

@@ -7,6 +7,7 @@
 case $1 in /*) program=$1 ;; *) program=$(pwd)/$1 ;; esac
 folder=$2
 shared=${3:-$(pwd)/../shared}
+study_merge=$(cd "$(dirname "$0")/../examples/study" && pwd)/merge.sh
 passed=0 failed=0 skipped=0
 rm -rf "$folder" && mkdir -p "$folder/case/out" && cd "$folder/case" || exit 1
 
@@ -651,6 +652,60 @@ say 'mesh bar.vtk' 'material linear E=1e5 nu=0.3 density=10' 'prescribe xyz node
     'solve euler dt=0.1 end=4 tol=1e-9 alpha=5' 'output displacement u' >carried.case
 good 'copies follow a ramp' carried.case
 lines u 63 '($3 - 0.1) ^ 2 < 1e-8 && $4 ^ 2 < 1e-8'
+
+# ---- studies of parameters ----
+printf 'young, nu,load   # a comment\n\n1000,0.3,-10\n2000,0.3,-10\n500,0.1,-20\n1e3,0.45,-1\n2000,0.3,-40\n' >table.csv
+say 'mesh cube.vtk   # $none of these' 'material linear E=$young nu=${nu} density=1000' "$symmetry" \
+    'traction faces=top value=0,0,$load' "$static" 'output probe 6 tip' 'output probe 0 corner' >vary.case
+study() { # study NAME STATUS PATTERN ROWS [ARGUMENT...]: from FOLDER; PATTERN in what is printed
+    study_name=$1 study_status=$2 study_pattern=$3 study_rows=$4
+    shift 4
+    (cd .. && "$program" case/vary.case --study "$study_rows" "$@" >stdout 2>stderr)
+    [ $? = "$study_status" ] && cat ../stdout ../stderr | grep -q -e "$study_pattern"
+    result "study: $study_name" $?
+}
+study 'all cases' 0 '^study: 5 cases, shard 1 of 1, 5 to do$' whole.csv --vary case/table.csv
+# of a cube that is pulled: load / E up and -nu load / E across
+awk -F, 'NR > 2 { ok += $1 == NR - 3 && $5 == "converged" && ($11 * $2 / $4 - 1) ^ 2 < 1e-16 &&
+    ($9 * $2 / $4 + $3) ^ 2 < 1e-16 && $12 == 0 } END { exit !(ok == 5 && NR == 7) }' ../whole.csv
+result 'study: what theory has' $?
+[ ! -e ../tip ] && [ -z "$(ls out)" ]
+result 'study: no other outputs' $?
+for share in 1 2 3; do
+    study "share $share" 0 "^study: 5 cases, shard $share of 3" share$share.csv --vary case/table.csv --shard $share/3
+done
+(cd .. && sh "$study_merge" merged.csv share1.csv share2.csv share3.csv && cmp merged.csv whole.csv) >../stdout 2>../stderr
+result 'study: shares join to the same bytes' $?
+head -c -30 ../whole.csv >../killed.csv
+study 'goes on' 0 'shard 1 of 1, 1 to do' killed.csv --vary case/table.csv
+cmp ../killed.csv ../whole.csv >../stdout 2>../stderr
+result 'study: killed and run again' $?
+cp ../whole.csv ../kept.csv
+printf 'young,nu,load\n1000,0.3,1\n' >other.csv
+study 'rows of another table' 2 'whole.csv: is of another study' whole.csv --vary case/other.csv
+cmp ../kept.csv ../whole.csv >../stdout 2>../stderr
+result 'study: rows are kept' $?
+bad_table() { # bad_table PATTERN LINE...
+    bad_pattern=$1
+    shift
+    say "$@" >bad.csv
+    study "refuses $bad_pattern" 2 "$bad_pattern" none.csv --vary case/bad.csv
+    [ ! -e ../none.csv ]
+    result "study: no rows of $bad_pattern" $?
+}
+bad_table 'case/vary.case:6: the table does not name .load' 'young,nu' '1,0.2'
+bad_table 'bad.csv:2: has another number of words' 'young,nu,load' '1,0.2'
+bad_table 'bad.csv:1: has no case' 'young,nu,load'
+bad_table 'bad.csv:1: is no name (letters, digits, _): 9g' 'young,9g' '1,2'
+bad_table 'bad.csv:1: is named twice: nu' 'nu,nu' '1,2'
+bad_table 'bad.csv:2: needs a comma between the words of 1 0.3' 'young,nu' '1 0.3,4'
+bad_table 'bad.csv:2: has an empty place' 'young,nu' '1,'
+bad_table 'case/vary.case:2: E=soft' 'young,nu,load' 'soft,0.3,1'
+say 'young,nu,load' '1000,0.3,1' '-5,0.3,1' >late.csv
+study 'a case that is wrong' 2 'late.csv: case 1 of the table:' late_rows.csv --vary case/late.csv
+study 'a share that is none' 2 'needs I/N with 1 <= I <= N' none.csv --vary case/table.csv --shard 4/3
+study 'no table' 2 '^usage: case_solve' none.csv
+study 'no folder' 2 'no-such/rows.csv' no-such/rows.csv --vary case/table.csv
 
 # ---- a reference case through the program ----
 if [ -r "$shared/reference/nh_cantilever_tet4/case.case" ]; then
