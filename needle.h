@@ -1211,7 +1211,9 @@ typedef sb_real (*ndl_cutting)(void *user, sb_vec3 X, int region);
  * how far tissue about a needle is drawn along. A tip bends as its bevel says: after 8 cm in 10 to 50 kPa it is aside
  * by the same to 3 % with edges from 20 to 7 mm (5 mm in 10 kPa: 7 % less). Limits: lips of a cut that touch let a
  * needle through, but it does not go in through open ones, and is stopped as by a wall where a piece stands apart from
- * the next; a loose piece may stay on it when it is drawn out; the sb_cut that cut the body has to stay as long as
+ * the next; where tissue was burnt away (sb_cut_ablate) nothing holds it, through burnt skin as well, but friction
+ * comes and goes there by whole edges of the rod, and a way that is a part of one may not be seen; a loose piece may
+ * stay on it when it is drawn out; the sb_cut that cut the body has to stay as long as
  * needles do: without it they are out of the tissue, as where others change the mesh; entry_slip is not read.
  */
 typedef enum ndl_follow {
@@ -1377,7 +1379,7 @@ NDL_API const ndl_remesh *ndl_needle_remesh(const ndl_needle *needle);
 NDL_API ndl_contact ndl_needle_contact(const ndl_needle *needle, int node);
 /* Force (N) of the tissue on a node in the last step. */
 NDL_API sb_vec3 ndl_needle_contact_force(const ndl_needle *needle, int node);
-/* Length of shaft in the tissue (m), and fed since creation. */
+/* Length of shaft in the tissue, and in holes that were burnt in it (m), and fed since creation. */
 NDL_API sb_real ndl_needle_depth(const ndl_needle *needle);
 NDL_API sb_real ndl_needle_fed(const ndl_needle *needle);
 /* How far the tip went through the tissue in the last step (m, along the tip; negative: back). */
@@ -12202,8 +12204,8 @@ NDLI_API int ndli_bed_region(const ndli_bed *bed, const ndli_bed_row *row);
 NDLI_API double ndli_bed_edge(const ndli_bed *bed, int element);
 /* 1: x is in it, as it is now. O(faces). */
 NDLI_API int ndli_bed_holds_in_space(const ndli_bed *bed, sb_vec3 x);
-/* Where a segment first comes in through the skin, from outside in space; *at: there (m). 0: nowhere. O(faces): for
- * needles that are not in yet. */
+/* Where a segment first comes in through the skin, from outside in space, or through where it was before it was taken
+ * away; *at: there (m). 0: nowhere. O(faces): for needles that are not in yet. */
 NDLI_API int ndli_bed_hit(const ndli_bed *bed, sb_vec3 from, sb_vec3 to, ndli_place *place, sb_vec3 *at);
 #endif
 
@@ -12309,10 +12311,10 @@ NDLI_API int ndli_bed_locate(const ndli_bed *bed, sb_vec3 X, int hint, ndli_plac
     return !(hit.distance2 > 0);
 }
 
-/* The cell with its material, or -1. */
+/* The cell with its material; -1: it has been taken away. */
 static int ndli_bed_holder(const ndli_bed *bed, const ndli_place *place)
 {
-    return sb_body_find_cell(bed->body, bed->cells[place->element], place->xi);
+    return sbi_body_find_holder(bed->body, bed->cells[place->element], place->xi);
 }
 
 /* 1: the row is of the place's material. A cell whose material was taken away leaves its slot to others. */
@@ -12411,16 +12413,24 @@ static ndli_bed_triangle ndli_bed_triangle_of(const ndli_bed *bed, int face, int
     return t;
 }
 
-/* Where the segment comes in through the triangle as a cell of its element has it; the place is straight between the
- * corners. < 0: not. */
-static sb_real ndli_bed_cross_cell(const ndli_bed *bed, const ndli_bed_triangle *t, int cell, sb_vec3 from, sb_vec3 way,
-                                   ndli_place *place)
+/* Nodes of the body, of a cell, and of an element as it was at first. */
+static const int *ndli_bed_nodes_of(const ndli_bed *bed, int cell)
+{
+    sb_mesh mesh = sbi_body_mesh(bed->body);
+    return mesh.elements + (size_t)cell * (size_t)sb_mesh_element_width(&mesh);
+}
+static const int *ndli_bed_first_nodes(const ndli_bed *bed, int element)
+{
+    return bed->mesh.elements + (size_t)element * (size_t)sb_mesh_element_width(&bed->mesh);
+}
+
+/* Where the segment comes in through the triangle as its element has it with these nodes; the place is straight between
+ * the corners. < 0: not. */
+static sb_real ndli_bed_cross_nodes(const ndli_bed *bed, const ndli_bed_triangle *t, const int *nodes, sb_vec3 from,
+                                    sb_vec3 way, ndli_place *place)
 {
     const sb_vec3 *x = sb_body_positions(bed->body);
-    sb_mesh mesh = sbi_body_mesh(bed->body);
-    int width = sb_mesh_element_width(&mesh);
-    const int *nodes = mesh.elements + (size_t)cell * (size_t)width;
-    const int *rest = bed->mesh.elements + (size_t)t->element * (size_t)width;
+    const int *rest = ndli_bed_first_nodes(bed, t->element);
     sb_vec3 corners[3], X = {0, 0, 0};
     sb_real w[3], along;
     for (int k = 0; k < 3; k++)
@@ -12435,20 +12445,31 @@ static sb_real ndli_bed_cross_cell(const ndli_bed *bed, const ndli_bed_triangle 
 }
 
 /* Of an element that is cut each piece has only that part of the face that has its material. */
-static sb_real ndli_bed_cross_skin(const ndli_bed *bed, const ndli_bed_triangle *t, sb_vec3 from, sb_vec3 way,
+static sb_real ndli_bed_cross_kept(const ndli_bed *bed, const ndli_bed_triangle *t, sb_vec3 from, sb_vec3 way,
                                    ndli_place *place)
 {
     int cell = bed->cells[t->element], holder;
-    sb_real along = ndli_bed_cross_cell(bed, t, cell, from, way, place);
+    sb_real along = ndli_bed_cross_nodes(bed, t, ndli_bed_nodes_of(bed, cell), from, way, place);
     if (along < 0)
         return -1;
     holder = ndli_bed_holder(bed, place);
     if (holder != cell && !bed->was_cut && holder >= 0) { /* one that was cut before has each piece's own triangles */
-        along = ndli_bed_cross_cell(bed, t, holder, from, way, place);
+        along = ndli_bed_cross_nodes(bed, t, ndli_bed_nodes_of(bed, holder), from, way, place);
         cell = holder;
         holder = along < 0 ? -1 : ndli_bed_holder(bed, place);
     }
     return holder == cell && sb_body_cell_in_use(bed->body, cell) ? along : -1;
+}
+
+/* Where skin has been taken away, a hole's mouth is. */
+static sb_real ndli_bed_cross_skin(const ndli_bed *bed, const ndli_bed_triangle *t, sb_vec3 from, sb_vec3 way,
+                                   ndli_place *place)
+{
+    sb_real along = ndli_bed_cross_kept(bed, t, from, way, place);
+    if (along >= 0)
+        return along;
+    along = ndli_bed_cross_nodes(bed, t, ndli_bed_first_nodes(bed, t->element), from, way, place);
+    return along >= 0 && ndli_bed_holder(bed, place) < 0 ? along : -1;
 }
 
 NDLI_API int ndli_bed_hit(const ndli_bed *bed, sb_vec3 from, sb_vec3 to, ndli_place *place, sb_vec3 *at)
@@ -14520,6 +14541,85 @@ static sb_mat3 ndli_held_gradient(const ndl_needle *needle, const ndli_place *pl
     return sb_m3_scale(1 / (sb_real)count, sum);
 }
 
+/* The material that is at x in space, by Newton's method from *X on. 0: none is near; where *X and *place have come to
+ * was taken away, or is outside. */
+static int ndli_held_material(const ndli_bed *bed, ndli_v3 x, ndli_v3 *X, ndli_place *place)
+{
+    const double enough = 1e-6 * bed->mean_edge;
+    for (int round = 0; round < 20; round++) {
+        ndli_bed_row row;
+        ndli_v3 off;
+        sb_mat3 f;
+        if (!ndli_bed_locate(bed, ndli_to(*X), place->element, place) || !ndli_bed_row_at(bed, place, &row))
+            return 0;
+        off = ndli_sub(x, ndli_bed_at(bed, &row));
+        if (ndli_norm(off) < enough)
+            return 1;
+        f = ndli_bed_gradient(bed, place, &row);
+        if (!(sb_m3_det(f) > 0))
+            return 0;
+        *X = ndli_add(*X, ndli_from(sb_m3_apply(sb_m3_inverse(f), ndli_to(off))));
+    }
+    return 0;
+}
+
+/* How many places before a tip in a hole are looked at, and how far they are apart in edges of the tissue: tissue is
+ * drawn along by less than their way. */
+enum { NDLI_HELD_LOOKS = 40 };
+static const double ndli_held_look = 0.1;
+
+/* The wall that a tip in a hole has come to, as it is in space: *X, *place. 0: to none. */
+static int ndli_held_meet_wall(const ndl_needle *needle, const ndli_track_point *end, ndli_v3 *X, ndli_place *place)
+{
+    const ndli_bed *bed = &needle->site->bed;
+    const ndl_rod *rod = needle->rod;
+    ndli_bed_row row;
+    int element = end->element;
+    for (int k = 1; k <= NDLI_HELD_LOOKS; k++, element = place->element) {
+        *X = ndli_madd(end->X, k * ndli_held_look * bed->mean_edge, needle->heading);
+        if (!ndli_bed_locate(bed, ndli_to(*X), element, place))
+            return 0;
+        if (ndli_bed_row_at(bed, place, &row))
+            return ndli_held_material(bed, rod->x[rod->node_count - 1], X, place);
+    }
+    return 0;
+}
+
+/* Where the tip looks, at rest, in the material at a place; as it is where there is none. 0: that is turned inside out.
+ */
+static int ndli_held_look_ahead(ndl_needle *needle, const ndli_place *place)
+{
+    const ndli_bed *bed = &needle->site->bed;
+    ndli_v3 tangent = needle->rod->tangent[needle->rod->node_count - 2];
+    ndli_bed_row row;
+    sb_mat3 f = ndli_bed_row_at(bed, place, &row) ? ndli_bed_gradient(bed, place, &row) : sb_m3_identity();
+    if (!(sb_m3_det(f) > 0))
+        return 0;
+    needle->heading = ndli_held_unit(ndli_from(sb_m3_apply(sb_m3_inverse(f), ndli_to(tangent))));
+    return 1;
+}
+
+/* Where material was taken away a tip goes straight on, until it comes to a wall. */
+static void ndli_held_go_through_hole(ndl_needle *needle, double advance, const ndli_track_point *end)
+{
+    const ndli_bed *bed = &needle->site->bed;
+    ndli_v3 X, tip = needle->rod->x[needle->rod->node_count - 1];
+    ndli_place place;
+    ndli_bed_row row;
+    int meets = ndli_held_meet_wall(needle, end, &X, &place), inside = 1;
+    if (!meets) {
+        X = ndli_madd(end->X, advance, needle->heading);
+        inside = ndli_bed_locate(bed, ndli_to(X), end->element, &place);
+        if (inside && ndli_bed_row_at(bed, &place, &row)) { /* where the wall was before it was drawn along */
+            (void)ndli_held_material(bed, tip, &X, &place);
+            inside = ndli_bed_locate(bed, ndli_to(X), place.element, &place);
+        }
+    }
+    if (!inside || (meets && !ndli_held_look_ahead(needle, &place)) ||
+        !ndli_track_extend(&needle->track, X, place.element))
+        ndli_held_block(needle);
+}
+
 /* The track goes on by `advance` (m, in space) from where the tip is. */
 static void ndli_held_cut(ndl_needle *needle, double advance)
 {
@@ -14530,11 +14630,10 @@ static void ndli_held_cut(ndl_needle *needle, double advance)
     ndli_bed_row row, next;
     ndli_place place;
     sb_mat3 f, inverse;
+    int there;
     (void)ndli_bed_locate(bed, ndli_to(end.X), end.element, &place);
-    if (!ndli_bed_row_at(bed, &place, &row)) { /* where material was taken away it goes straight on */
-        X = ndli_madd(end.X, advance, needle->heading);
-        if (!ndli_bed_locate(bed, ndli_to(X), place.element, &place) || !ndli_track_extend(track, X, place.element))
-            ndli_held_block(needle);
+    if (!ndli_bed_row_at(bed, &place, &row)) {
+        ndli_held_go_through_hole(needle, advance, &end);
         return;
     }
     f = ndli_held_gradient(needle, &place, &row);
@@ -14547,12 +14646,13 @@ static void ndli_held_cut(ndl_needle *needle, double advance)
     shaft = ndli_bevel_shaft(needle, heading, ndli_held_chord(needle, ndli_bed_at(bed, &row), heading));
     way = ndli_bevel_go(needle, advance, shaft, ndli_bevel_lag(&needle->bevel), &heading);
     X = ndli_add(end.X, ndli_from(sb_m3_apply(inverse, ndli_to(way))));
-    if (!ndli_bed_locate(bed, ndli_to(X), place.element, &place) || !ndli_bed_row_at(bed, &place, &next)) {
+    if (!ndli_bed_locate(bed, ndli_to(X), place.element, &place)) {
         ndli_held_block(needle);
         return;
     }
-    gap = ndli_sub(ndli_sub(ndli_bed_at(bed, &next), ndli_bed_at(bed, &row)), way);
-    if (ndli_norm(gap) > advance + 0.1 * needle->site->mean_edge) { /* a cut lies between, and stands open */
+    there = ndli_bed_row_at(bed, &place, &next); /* else it comes into a hole */
+    gap = there ? ndli_sub(ndli_sub(ndli_bed_at(bed, &next), ndli_bed_at(bed, &row)), way) : ndli_v(0, 0, 0);
+    if (there && ndli_norm(gap) > advance + 0.1 * needle->site->mean_edge) { /* a cut lies between, and stands open */
         ndli_held_block(needle);
         return;
     }
@@ -14637,27 +14737,6 @@ static double ndli_held_behind(const ndl_needle *needle, int *j, ndli_place *pla
     return -1;
 }
 
-/* The material that is at x in space, by Newton's method from *X on. 0: none is near. */
-static int ndli_held_material(const ndli_bed *bed, ndli_v3 x, ndli_v3 *X, ndli_place *place)
-{
-    const double enough = 1e-6 * bed->mean_edge;
-    for (int round = 0; round < 20; round++) {
-        ndli_bed_row row;
-        ndli_v3 off;
-        sb_mat3 f;
-        if (!ndli_bed_locate(bed, ndli_to(*X), place->element, place) || !ndli_bed_row_at(bed, place, &row))
-            return 0;
-        off = ndli_sub(x, ndli_bed_at(bed, &row));
-        if (ndli_norm(off) < enough)
-            return 1;
-        f = ndli_bed_gradient(bed, place, &row);
-        if (!(sb_m3_det(f) > 0))
-            return 0;
-        *X = ndli_add(*X, ndli_from(sb_m3_apply(sb_m3_inverse(f), ndli_to(off))));
-    }
-    return 0;
-}
-
 /* The track is where the shaft is from the skin at edge j, so that the tissue is held without any force. 0: it cannot
  * be followed. */
 static int ndli_held_lay_track(ndl_needle *needle, int j, ndli_place place)
@@ -14709,10 +14788,8 @@ static void ndli_held_enter(ndl_needle *needle)
     const ndli_bed *bed = &needle->site->bed;
     int last = rod->node_count - 1;
     ndli_line *line = &needle->line;
-    ndli_bed_row row;
     ndli_place place;
     sb_vec3 at, X;
-    sb_mat3 f;
     int hits = ndli_bed_hit(bed, ndli_to(rod->x[last - 1]), ndli_to(rod->x[last]), &place, &at);
     if (needle->lost) { /* it is in the tissue, which does not hold it */
         if (!hits && !ndli_bed_holds_in_space(bed, ndli_to(rod->x[last])))
@@ -14721,11 +14798,10 @@ static void ndli_held_enter(ndl_needle *needle)
             ndli_held_thread(needle);
         return;
     }
-    if (!hits || !ndli_bed_row_at(bed, &place, &row) || !(sb_m3_det(f = ndli_bed_gradient(bed, &place, &row)) > 0))
+    if (!hits || !ndli_held_look_ahead(needle, &place))
         return;
     X = sbi_embed_map(&bed->mesh, place.element, place.xi, NULL);
     ndli_track_begin(&needle->track, ndli_from(X), place.element);
-    needle->heading = ndli_held_unit(ndli_from(sb_m3_apply(sb_m3_inverse(f), ndli_to(rod->tangent[last - 1]))));
     line->first = last;
     line->count = 1;
     needle->arc[last] = 0;

@@ -686,6 +686,57 @@ static void test_ablation(void)
     needle_scene_free(&s);
 }
 
+/* A needle through `hole` m of its way that is burnt out, before it goes in (late 0) or with it in there: friction of
+ * the rest, to a rod's node more or less; no step has more than that and what cuts, and it comes out again. */
+static void check_hole(int lattice, double radius, double z, double hole, int late)
+{
+    needle_scene s = cut_scene();
+    sb_cut_def def = sb_default_cut_def();
+    sb_cut *cut = NULL;
+    const ndl_rod *rod;
+    double expected, node, most = 0;
+    int first;
+    s.body_def.tolerance = REAL(1e-6);
+    if (!needle_scene_make(&s))
+        return;
+    def.body = s.body;
+    def.lattice = lattice;
+    CHECK_OK(sb_cut_create(&def, &cut, NULL));
+    for (int i = 0; i < 170; i++) {
+        if (i == (late ? 160 : 0))
+            CHECK_OK(sb_cut_ablate(cut, sb_v3(s.needle_def.base.x, s.needle_def.base.y, REAL(z)), REAL(radius), NULL,
+                                   &s.error));
+        needle_scene_run(&s, dt, 1, needle_command(speed, 0));
+        most = fmax(most, needle_push(&s));
+        CHECK(s.info.blocked == 0);
+    }
+    expected = law(&s, 0) - (double)s.frictions[0].friction * hole;
+    rod = ndl_needle_rod(s.needles[0]);
+    first = ndl_needle_entry(s.needles[0]);
+    node = (double)sb_v3_norm(sb_v3_sub(ndl_rod_positions(rod)[first], ndl_rod_positions(rod)[first + 1]));
+    CHECK(ndl_needle_depth(s.needles[0]) > REAL(0.03) && needle_scene_is_sound(&s));
+    CHECK_NEAR(needle_push(&s), expected, node * (double)s.frictions[0].friction);
+    CHECK(most < 1.05 * law(&s, 0));
+    needle_scene_run(&s, dt, 230, needle_command(-speed, 0));
+    CHECK(ndl_needle_depth(s.needles[0]) == 0);
+    CHECK_NEAR(needle_push(&s), 0, 1e-6);
+    sb_cut_destroy(cut);
+    needle_scene_free(&s);
+}
+
+/* Within elements that are burnt in part; wide ones, whose far wall has been drawn along less than the near one; and
+ * where the skin is burnt away. */
+static void test_holes(void)
+{
+    for (int k = 0; k < 4; k++) {
+        int lattice = k < 2 ? 2 : 4, late = k % 2;
+        check_hole(lattice, 0.009, 0.022, 0.018, late);
+        if (!check_quick())
+            check_hole(lattice, 0.0105, 0.0245, 0.021, late);
+        check_hole(lattice, 0.011, 0.042, 0.009, late);
+    }
+}
+
 /* Viscous friction acts behind the springs: a step is a convex problem whatever there is of it. */
 static void test_viscous(void)
 {
@@ -850,6 +901,6 @@ CHECK_SUITE(needle_held, {"law", test_law}, {"stiffness", test_stiffness}, {"dra
             {"a destroyed cut", test_destroyed_cut}, {"destroying without memory", test_destroying_without_memory},
             {"states of further cuts", test_states_of_further_cuts},
             {"states before a change", test_states_before_a_change}, {"a body that grows", test_growing_body},
-            {"ablation", test_ablation}, {"viscous friction", test_viscous},
+            {"ablation", test_ablation}, {"holes", test_holes}, {"viscous friction", test_viscous},
             {"soft tissue's states", test_states_in_soft_tissue}, {"bad definitions", test_bad_definitions},
             {"memory", test_memory}, {"far side", test_far_side}, {"random use", test_random_use});

@@ -99,10 +99,10 @@ NDLI_API int ndli_bed_locate(const ndli_bed *bed, sb_vec3 X, int hint, ndli_plac
     return !(hit.distance2 > 0);
 }
 
-/* The cell with its material, or -1. */
+/* The cell with its material; -1: it has been taken away. */
 static int ndli_bed_holder(const ndli_bed *bed, const ndli_place *place)
 {
-    return sb_body_find_cell(bed->body, bed->cells[place->element], place->xi);
+    return sbi_body_find_holder(bed->body, bed->cells[place->element], place->xi);
 }
 
 /* 1: the row is of the place's material. A cell whose material was taken away leaves its slot to others. */
@@ -201,16 +201,24 @@ static ndli_bed_triangle ndli_bed_triangle_of(const ndli_bed *bed, int face, int
     return t;
 }
 
-/* Where the segment comes in through the triangle as a cell of its element has it; the place is straight between the
- * corners. < 0: not. */
-static sb_real ndli_bed_cross_cell(const ndli_bed *bed, const ndli_bed_triangle *t, int cell, sb_vec3 from, sb_vec3 way,
-                                   ndli_place *place)
+/* Nodes of the body, of a cell, and of an element as it was at first. */
+static const int *ndli_bed_nodes_of(const ndli_bed *bed, int cell)
+{
+    sb_mesh mesh = sbi_body_mesh(bed->body);
+    return mesh.elements + (size_t)cell * (size_t)sb_mesh_element_width(&mesh);
+}
+static const int *ndli_bed_first_nodes(const ndli_bed *bed, int element)
+{
+    return bed->mesh.elements + (size_t)element * (size_t)sb_mesh_element_width(&bed->mesh);
+}
+
+/* Where the segment comes in through the triangle as its element has it with these nodes; the place is straight between
+ * the corners. < 0: not. */
+static sb_real ndli_bed_cross_nodes(const ndli_bed *bed, const ndli_bed_triangle *t, const int *nodes, sb_vec3 from,
+                                    sb_vec3 way, ndli_place *place)
 {
     const sb_vec3 *x = sb_body_positions(bed->body);
-    sb_mesh mesh = sbi_body_mesh(bed->body);
-    int width = sb_mesh_element_width(&mesh);
-    const int *nodes = mesh.elements + (size_t)cell * (size_t)width;
-    const int *rest = bed->mesh.elements + (size_t)t->element * (size_t)width;
+    const int *rest = ndli_bed_first_nodes(bed, t->element);
     sb_vec3 corners[3], X = {0, 0, 0};
     sb_real w[3], along;
     for (int k = 0; k < 3; k++)
@@ -225,20 +233,31 @@ static sb_real ndli_bed_cross_cell(const ndli_bed *bed, const ndli_bed_triangle 
 }
 
 /* Of an element that is cut each piece has only that part of the face that has its material. */
-static sb_real ndli_bed_cross_skin(const ndli_bed *bed, const ndli_bed_triangle *t, sb_vec3 from, sb_vec3 way,
+static sb_real ndli_bed_cross_kept(const ndli_bed *bed, const ndli_bed_triangle *t, sb_vec3 from, sb_vec3 way,
                                    ndli_place *place)
 {
     int cell = bed->cells[t->element], holder;
-    sb_real along = ndli_bed_cross_cell(bed, t, cell, from, way, place);
+    sb_real along = ndli_bed_cross_nodes(bed, t, ndli_bed_nodes_of(bed, cell), from, way, place);
     if (along < 0)
         return -1;
     holder = ndli_bed_holder(bed, place);
     if (holder != cell && !bed->was_cut && holder >= 0) { /* one that was cut before has each piece's own triangles */
-        along = ndli_bed_cross_cell(bed, t, holder, from, way, place);
+        along = ndli_bed_cross_nodes(bed, t, ndli_bed_nodes_of(bed, holder), from, way, place);
         cell = holder;
         holder = along < 0 ? -1 : ndli_bed_holder(bed, place);
     }
     return holder == cell && sb_body_cell_in_use(bed->body, cell) ? along : -1;
+}
+
+/* Where skin has been taken away, a hole's mouth is. */
+static sb_real ndli_bed_cross_skin(const ndli_bed *bed, const ndli_bed_triangle *t, sb_vec3 from, sb_vec3 way,
+                                   ndli_place *place)
+{
+    sb_real along = ndli_bed_cross_kept(bed, t, from, way, place);
+    if (along >= 0)
+        return along;
+    along = ndli_bed_cross_nodes(bed, t, ndli_bed_first_nodes(bed, t->element), from, way, place);
+    return along >= 0 && ndli_bed_holder(bed, place) < 0 ? along : -1;
 }
 
 NDLI_API int ndli_bed_hit(const ndli_bed *bed, sb_vec3 from, sb_vec3 to, ndli_place *place, sb_vec3 *at)

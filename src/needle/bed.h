@@ -56,8 +56,8 @@ NDLI_API int ndli_bed_region(const ndli_bed *bed, const ndli_bed_row *row);
 NDLI_API double ndli_bed_edge(const ndli_bed *bed, int element);
 /* 1: x is in it, as it is now. O(faces). */
 NDLI_API int ndli_bed_holds_in_space(const ndli_bed *bed, sb_vec3 x);
-/* Where a segment first comes in through the skin, from outside in space; *at: there (m). 0: nowhere. O(faces): for
- * needles that are not in yet. */
+/* Where a segment first comes in through the skin, from outside in space, or through where it was before it was taken
+ * away; *at: there (m). 0: nowhere. O(faces): for needles that are not in yet. */
 NDLI_API int ndli_bed_hit(const ndli_bed *bed, sb_vec3 from, sb_vec3 to, ndli_place *place, sb_vec3 *at);
 #endif
 

@@ -390,6 +390,85 @@ static sb_mat3 ndli_held_gradient(const ndl_needle *needle, const ndli_place *pl
     return sb_m3_scale(1 / (sb_real)count, sum);
 }
 
+/* The material that is at x in space, by Newton's method from *X on. 0: none is near; where *X and *place have come to
+ * was taken away, or is outside. */
+static int ndli_held_material(const ndli_bed *bed, ndli_v3 x, ndli_v3 *X, ndli_place *place)
+{
+    const double enough = 1e-6 * bed->mean_edge;
+    for (int round = 0; round < 20; round++) {
+        ndli_bed_row row;
+        ndli_v3 off;
+        sb_mat3 f;
+        if (!ndli_bed_locate(bed, ndli_to(*X), place->element, place) || !ndli_bed_row_at(bed, place, &row))
+            return 0;
+        off = ndli_sub(x, ndli_bed_at(bed, &row));
+        if (ndli_norm(off) < enough)
+            return 1;
+        f = ndli_bed_gradient(bed, place, &row);
+        if (!(sb_m3_det(f) > 0))
+            return 0;
+        *X = ndli_add(*X, ndli_from(sb_m3_apply(sb_m3_inverse(f), ndli_to(off))));
+    }
+    return 0;
+}
+
+/* How many places before a tip in a hole are looked at, and how far they are apart in edges of the tissue: tissue is
+ * drawn along by less than their way. */
+enum { NDLI_HELD_LOOKS = 40 };
+static const double ndli_held_look = 0.1;
+
+/* The wall that a tip in a hole has come to, as it is in space: *X, *place. 0: to none. */
+static int ndli_held_meet_wall(const ndl_needle *needle, const ndli_track_point *end, ndli_v3 *X, ndli_place *place)
+{
+    const ndli_bed *bed = &needle->site->bed;
+    const ndl_rod *rod = needle->rod;
+    ndli_bed_row row;
+    int element = end->element;
+    for (int k = 1; k <= NDLI_HELD_LOOKS; k++, element = place->element) {
+        *X = ndli_madd(end->X, k * ndli_held_look * bed->mean_edge, needle->heading);
+        if (!ndli_bed_locate(bed, ndli_to(*X), element, place))
+            return 0;
+        if (ndli_bed_row_at(bed, place, &row))
+            return ndli_held_material(bed, rod->x[rod->node_count - 1], X, place);
+    }
+    return 0;
+}
+
+/* Where the tip looks, at rest, in the material at a place; as it is where there is none. 0: that is turned inside out.
+ */
+static int ndli_held_look_ahead(ndl_needle *needle, const ndli_place *place)
+{
+    const ndli_bed *bed = &needle->site->bed;
+    ndli_v3 tangent = needle->rod->tangent[needle->rod->node_count - 2];
+    ndli_bed_row row;
+    sb_mat3 f = ndli_bed_row_at(bed, place, &row) ? ndli_bed_gradient(bed, place, &row) : sb_m3_identity();
+    if (!(sb_m3_det(f) > 0))
+        return 0;
+    needle->heading = ndli_held_unit(ndli_from(sb_m3_apply(sb_m3_inverse(f), ndli_to(tangent))));
+    return 1;
+}
+
+/* Where material was taken away a tip goes straight on, until it comes to a wall. */
+static void ndli_held_go_through_hole(ndl_needle *needle, double advance, const ndli_track_point *end)
+{
+    const ndli_bed *bed = &needle->site->bed;
+    ndli_v3 X, tip = needle->rod->x[needle->rod->node_count - 1];
+    ndli_place place;
+    ndli_bed_row row;
+    int meets = ndli_held_meet_wall(needle, end, &X, &place), inside = 1;
+    if (!meets) {
+        X = ndli_madd(end->X, advance, needle->heading);
+        inside = ndli_bed_locate(bed, ndli_to(X), end->element, &place);
+        if (inside && ndli_bed_row_at(bed, &place, &row)) { /* where the wall was before it was drawn along */
+            (void)ndli_held_material(bed, tip, &X, &place);
+            inside = ndli_bed_locate(bed, ndli_to(X), place.element, &place);
+        }
+    }
+    if (!inside || (meets && !ndli_held_look_ahead(needle, &place)) ||
+        !ndli_track_extend(&needle->track, X, place.element))
+        ndli_held_block(needle);
+}
+
 /* The track goes on by `advance` (m, in space) from where the tip is. */
 static void ndli_held_cut(ndl_needle *needle, double advance)
 {
@@ -400,11 +479,10 @@ static void ndli_held_cut(ndl_needle *needle, double advance)
     ndli_bed_row row, next;
     ndli_place place;
     sb_mat3 f, inverse;
+    int there;
     (void)ndli_bed_locate(bed, ndli_to(end.X), end.element, &place);
-    if (!ndli_bed_row_at(bed, &place, &row)) { /* where material was taken away it goes straight on */
-        X = ndli_madd(end.X, advance, needle->heading);
-        if (!ndli_bed_locate(bed, ndli_to(X), place.element, &place) || !ndli_track_extend(track, X, place.element))
-            ndli_held_block(needle);
+    if (!ndli_bed_row_at(bed, &place, &row)) {
+        ndli_held_go_through_hole(needle, advance, &end);
         return;
     }
     f = ndli_held_gradient(needle, &place, &row);
@@ -417,12 +495,13 @@ static void ndli_held_cut(ndl_needle *needle, double advance)
     shaft = ndli_bevel_shaft(needle, heading, ndli_held_chord(needle, ndli_bed_at(bed, &row), heading));
     way = ndli_bevel_go(needle, advance, shaft, ndli_bevel_lag(&needle->bevel), &heading);
     X = ndli_add(end.X, ndli_from(sb_m3_apply(inverse, ndli_to(way))));
-    if (!ndli_bed_locate(bed, ndli_to(X), place.element, &place) || !ndli_bed_row_at(bed, &place, &next)) {
+    if (!ndli_bed_locate(bed, ndli_to(X), place.element, &place)) {
         ndli_held_block(needle);
         return;
     }
-    gap = ndli_sub(ndli_sub(ndli_bed_at(bed, &next), ndli_bed_at(bed, &row)), way);
-    if (ndli_norm(gap) > advance + 0.1 * needle->site->mean_edge) { /* a cut lies between, and stands open */
+    there = ndli_bed_row_at(bed, &place, &next); /* else it comes into a hole */
+    gap = there ? ndli_sub(ndli_sub(ndli_bed_at(bed, &next), ndli_bed_at(bed, &row)), way) : ndli_v(0, 0, 0);
+    if (there && ndli_norm(gap) > advance + 0.1 * needle->site->mean_edge) { /* a cut lies between, and stands open */
         ndli_held_block(needle);
         return;
     }
@@ -507,27 +586,6 @@ static double ndli_held_behind(const ndl_needle *needle, int *j, ndli_place *pla
     return -1;
 }
 
-/* The material that is at x in space, by Newton's method from *X on. 0: none is near. */
-static int ndli_held_material(const ndli_bed *bed, ndli_v3 x, ndli_v3 *X, ndli_place *place)
-{
-    const double enough = 1e-6 * bed->mean_edge;
-    for (int round = 0; round < 20; round++) {
-        ndli_bed_row row;
-        ndli_v3 off;
-        sb_mat3 f;
-        if (!ndli_bed_locate(bed, ndli_to(*X), place->element, place) || !ndli_bed_row_at(bed, place, &row))
-            return 0;
-        off = ndli_sub(x, ndli_bed_at(bed, &row));
-        if (ndli_norm(off) < enough)
-            return 1;
-        f = ndli_bed_gradient(bed, place, &row);
-        if (!(sb_m3_det(f) > 0))
-            return 0;
-        *X = ndli_add(*X, ndli_from(sb_m3_apply(sb_m3_inverse(f), ndli_to(off))));
-    }
-    return 0;
-}
-
 /* The track is where the shaft is from the skin at edge j, so that the tissue is held without any force. 0: it cannot
  * be followed. */
 static int ndli_held_lay_track(ndl_needle *needle, int j, ndli_place place)
@@ -579,10 +637,8 @@ static void ndli_held_enter(ndl_needle *needle)
     const ndli_bed *bed = &needle->site->bed;
     int last = rod->node_count - 1;
     ndli_line *line = &needle->line;
-    ndli_bed_row row;
     ndli_place place;
     sb_vec3 at, X;
-    sb_mat3 f;
     int hits = ndli_bed_hit(bed, ndli_to(rod->x[last - 1]), ndli_to(rod->x[last]), &place, &at);
     if (needle->lost) { /* it is in the tissue, which does not hold it */
         if (!hits && !ndli_bed_holds_in_space(bed, ndli_to(rod->x[last])))
@@ -591,11 +647,10 @@ static void ndli_held_enter(ndl_needle *needle)
             ndli_held_thread(needle);
         return;
     }
-    if (!hits || !ndli_bed_row_at(bed, &place, &row) || !(sb_m3_det(f = ndli_bed_gradient(bed, &place, &row)) > 0))
+    if (!hits || !ndli_held_look_ahead(needle, &place))
         return;
     X = sbi_embed_map(&bed->mesh, place.element, place.xi, NULL);
     ndli_track_begin(&needle->track, ndli_from(X), place.element);
-    needle->heading = ndli_held_unit(ndli_from(sb_m3_apply(sb_m3_inverse(f), ndli_to(rod->tangent[last - 1]))));
     line->first = last;
     line->count = 1;
     needle->arc[last] = 0;

@@ -36,6 +36,8 @@ SBI_API int sbi_body_has_constraints(const sb_body *body);
 SBI_API int sbi_body_has_pieces(const sb_body *body); /* 1: cells of it are pieces of elements, as a cut leaves them */
 SBI_API int sbi_body_is_live(const sb_body *body);    /* 1: its mesh can change */
 SBI_API int sbi_body_has_finder(const sb_body *body); /* 1: an sb_cut knows which piece has what material */
+/* sb_body_find_cell, but -1 where the material at xi was taken out of the element. */
+SBI_API int sbi_body_find_holder(const sb_body *body, int cell, const sb_real xi[3]);
 SBI_API int sbi_body_load_count(const sb_body *body); /* pressures, springs and mappings */
 SBI_API int sbi_body_max_iterations(const sb_body *body);
 SBI_API const sb_vec3 *

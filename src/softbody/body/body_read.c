@@ -62,6 +62,13 @@ SB_API int sb_body_find_cell(const sb_body *body, int cell, const sb_real xi[3])
     return body->live && body->live->find ? body->live->find(body->live->find_user, cell, xi) : cell;
 }
 
+SBI_API int sbi_body_find_holder(const sb_body *body, int cell, const sb_real xi[3])
+{
+    if (!sb_body_cell_in_use(body, cell))
+        return -1;
+    return body->live && body->live->holder ? body->live->holder(body->live->find_user, cell, xi) : cell;
+}
+
 SB_API const sb_vec3 *sb_body_rest_positions(const sb_body *body) { return body ? body->reference : NULL; }
 SB_API int sb_body_mesh_version(const sb_body *body) { return body && body->live ? body->live->version : 0; }
 

@@ -574,6 +574,7 @@ SBI_API void sbi_live_replace(sb_body *body, sb_body *next)
     made->listener_capacity = live->listener_capacity;
     made->last_listener = live->last_listener;
     made->find = live->find;
+    made->holder = live->holder;
     made->find_user = live->find_user;
     made->uncut = live->uncut;
     live->open = NULL;

@@ -65,6 +65,7 @@ typedef struct sbi_live {
     int push_count, push_capacity;
     sb_quadrature_kind rule; /* of the domain's points */
     sbi_cell_find *find;     /* see sb_body_find_cell; NULL: nobody knows, or not this mesh */
+    sbi_cell_find *holder;   /* as find, but -1 where the material was taken out; there as it is */
     void *find_user;         /* also while it does not know this mesh */
     const sbi_uncut *uncut;  /* of find_user; NULL: none */
     int find_knows;          /* 1: it knows the mesh that the change under way leads to, too */

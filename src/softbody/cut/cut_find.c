@@ -5,6 +5,15 @@
 
 #include "../base/bytes.h"
 
+/* The pieces of a tet, and where xi is in it. */
+static void sbi_cut_find_in(const sb_cut *cut, int tet, const sb_real xi[3], sbi_parted *parted,
+                            sb_real barycentrics[4])
+{
+    sbi_parted_make(&cut->lattice, &cut->links, cut->tets + 4 * (size_t)tet, tet, parted);
+    barycentrics[0] = 1 - xi[0] - xi[1] - xi[2];
+    barycentrics[1] = xi[0], barycentrics[2] = xi[1], barycentrics[3] = xi[2];
+}
+
 SBI_API int sbi_cut_find_cell(void *user, int cell, const sb_real xi[3])
 {
     const sb_cut *cut = (const sb_cut *)user;
@@ -14,9 +23,7 @@ SBI_API int sbi_cut_find_cell(void *user, int cell, const sb_real xi[3])
     sbi_parted parted;
     if (tet < 0 || (!records && cut->pieces[tet].next < 0))
         return cell;
-    sbi_parted_make(&cut->lattice, &cut->links, cut->tets + 4 * (size_t)tet, tet, &parted);
-    barycentrics[0] = 1 - xi[0] - xi[1] - xi[2];
-    barycentrics[1] = xi[0], barycentrics[2] = xi[1], barycentrics[3] = xi[2];
+    sbi_cut_find_in(cut, tet, xi, &parted, barycentrics);
     if (parted.piece_count == 0)
         return cell;
     piece = parted.piece_count > 1 ? sbi_parted_piece_at(&parted, barycentrics) : 0;
@@ -30,10 +37,26 @@ SBI_API int sbi_cut_find_cell(void *user, int cell, const sb_real xi[3])
     return cut->pieces[at].cell;
 }
 
+/* The same, but -1 where the material was taken out. Not within a change. */
+static int sbi_cut_find_holder(void *user, int cell, const sb_real xi[3])
+{
+    const sb_cut *cut = (const sb_cut *)user;
+    int tet = cell >= 0 && cell < cut->elements.count && !cut->stale ? cut->elements.items[cell] : -1;
+    sb_real barycentrics[4];
+    sbi_parted parted;
+    if (tet < 0 || !cut->links.lost[tet])
+        return sbi_cut_find_cell(user, cell, xi);
+    sbi_cut_find_in(cut, tet, xi, &parted, barycentrics);
+    if (parted.piece_count == 0 || sbi_parted_owner_at(&parted, barycentrics) == SBI_PARTED_LOST)
+        return -1;
+    return sbi_cut_find_cell(user, cell, xi);
+}
+
 SBI_API void sbi_cut_lend_finder(sb_cut *cut)
 {
     sbi_live *live = cut->body->live;
     live->find = cut->stale ? NULL : sbi_cut_find_cell;
+    live->holder = cut->stale ? NULL : sbi_cut_find_holder;
     live->find_user = cut;
     live->uncut = cut->stale ? NULL : &cut->uncut;
 }
@@ -132,6 +155,7 @@ SBI_API void sbi_cut_leave_finder(const sb_cut *cut)
     sb_cut *remains = NULL;
     int parted = 0;
     live->find = NULL;
+    live->holder = NULL;
     live->find_user = NULL;
     live->uncut = NULL;
     for (int tet = 0; tet < cut->tet_count && !parted; tet++)
