@@ -918,7 +918,8 @@ typedef struct reg_match_def {
                              * known not to move); dead loads, springs and mappings act; constraints are refused.
                              * Gravity acts too: leave it 0 when the rest shape already hangs in it */
     const sb_mesh *surface; /* surface of the organ at rest, tri or quad, outward, or NULL (default): the boundary of
-                             * the body. Read at creation only */
+                             * the body; of one that an sb_cut has cut that of the mesh before, without lips and walls
+                             * of holes. What was taken out of it does not count. Read at creation only */
     const sb_mesh *target;  /* surface that was seen, outward, in the same frame; or NULL, then: */
     const sb_vec3 *target_points;  /* [target_count] cloud (m) */
     const sb_vec3 *target_normals; /* [target_count] outward, or NULL */
@@ -7456,6 +7457,175 @@ REG_API void reg_cpd_apply(const reg_cpd *fit, const sb_vec3 *points, int count,
     }
 }
 
+/* ==== src/register/pieces.h ==== */
+/* pieces: what is registered of a body that is cut. Floor 6, internal.
+ *
+ * All pieces of an element have its shape, one upon the other at rest, so that boundaries of such a mesh are not its
+ * skin, and points are to be held by the piece that has their material. */
+#ifndef REG_PIECES_H
+#define REG_PIECES_H
+
+
+#if defined(REG_IMPLEMENTATION) || defined(SB_SPLIT_BUILD)
+typedef struct regi_pieces {
+    const sb_body *body;
+    const sb_mesh *mesh; /* of sbi_body_copy_mesh; both borrowed */
+    int *cells;          /* [elements] of the body; NULL: it is not cut */
+    sb_allocator allocator;
+} regi_pieces;
+
+REGI_API sb_result regi_pieces_make(const sb_body *body, const sb_mesh *mesh, const sb_allocator *allocator,
+                                    regi_pieces *pieces, sb_error *error);
+REGI_API void regi_pieces_free(regi_pieces *pieces); /* safe on zeros */
+/* The element that has the material at xi of an element; where it was taken out, the nearest of its pieces. */
+REGI_API int regi_pieces_find(const regi_pieces *pieces, int element, const sb_real xi[3]);
+/* The organ's surface without what was taken out: of `surface`, or, where that is NULL, of the mesh before it was cut,
+ * with its nodes in skin->nodes. Release with sb_boundary_free. Errors as of sb_mesh_boundary and sb_embedding_create.
+ */
+REGI_API sb_result regi_pieces_skin(const regi_pieces *pieces, const sb_mesh *surface, sb_boundary *skin,
+                                    sb_error *error);
+#endif
+
+#endif /* REG_PIECES_H */
+
+/* ==== src/register/pieces.c ==== */
+/* pieces: see pieces.h. */
+
+#include <string.h>
+
+REGI_API sb_result regi_pieces_make(const sb_body *body, const sb_mesh *mesh, const sb_allocator *allocator,
+                                    regi_pieces *pieces, sb_error *error)
+{
+    memset(pieces, 0, sizeof *pieces);
+    pieces->body = body;
+    pieces->mesh = mesh;
+    pieces->allocator = *allocator;
+    if (!sbi_body_has_pieces(body))
+        return SB_OK;
+    pieces->cells = (int *)sbi_alloc(allocator, (size_t)mesh->element_count, sizeof(int));
+    if (!pieces->cells)
+        return sbi_fail(error, SB_ERROR_MEMORY, "no memory for the pieces of a body");
+    sbi_body_list_cells(body, pieces->cells);
+    return SB_OK;
+}
+
+REGI_API void regi_pieces_free(regi_pieces *pieces)
+{
+    if (pieces->cells)
+        sbi_free(&pieces->allocator, pieces->cells);
+    memset(pieces, 0, sizeof *pieces);
+}
+
+REGI_API int regi_pieces_find(const regi_pieces *pieces, int element, const sb_real xi[3])
+{
+    int low = 0, high = pieces->mesh->element_count - 1, cell;
+    if (!pieces->cells)
+        return element;
+    cell = sb_body_find_cell(pieces->body, pieces->cells[element], xi);
+    while (low < high) {
+        int middle = low + (high - low) / 2;
+        if (pieces->cells[middle] < cell)
+            low = middle + 1;
+        else
+            high = middle;
+    }
+    return pieces->cells[low] == cell ? low : element;
+}
+
+/* ---- the skin ---- */
+
+/* Keeps the faces that have no node in lost[nodes]. */
+static void regi_pieces_drop_faces(const unsigned char *lost, sb_boundary *skin)
+{
+    sb_mesh *surface = &skin->surface;
+    size_t width = (size_t)sb_mesh_element_width(surface);
+    int kept = 0;
+    for (int f = 0; f < surface->element_count; f++) {
+        const int *nodes = surface->elements + width * (size_t)f;
+        int whole = 1;
+        for (size_t a = 0; a < width; a++)
+            whole &= !lost[nodes[a]];
+        if (!whole)
+            continue;
+        memmove(surface->elements + width * (size_t)kept, nodes, width * sizeof(int));
+        if (skin->elements) {
+            skin->elements[kept] = skin->elements[f];
+            skin->faces[kept] = skin->faces[f];
+        }
+        kept++;
+    }
+    surface->element_count = kept;
+}
+
+/* Marks what an embedding says of the nodes: taken out of the mesh that it is of. */
+static sb_result regi_pieces_mark(const regi_pieces *pieces, const sb_mesh *mesh, const int *cells,
+                                  const sb_mesh *surface, unsigned char *lost, sb_error *error)
+{
+    sb_embedding_def embed = sb_default_embedding_def();
+    sb_embedding *embedding = NULL;
+    sb_result result;
+    embed.mesh = mesh;
+    embed.points = surface->nodes;
+    embed.point_count = surface->node_count;
+    embed.kind = SB_EMBED_PLAIN;
+    embed.allocator = pieces->allocator;
+    embed.jobs = *sbi_body_jobs(pieces->body);
+    result = sb_embedding_create(&embed, &embedding, error);
+    for (int i = 0; i < surface->node_count && result == SB_OK; i++) {
+        sb_embedded_point point;
+        (void)sb_embedding_get_point(embedding, i, &point);
+        lost[i] =
+            sbi_body_find_holder(pieces->body, mesh, point.element, cells ? cells[point.element] : 0, point.xi) < 0;
+    }
+    sb_embedding_destroy(embedding);
+    return result;
+}
+
+static sb_result regi_pieces_drop_lost(const regi_pieces *pieces, const sb_mesh *mesh, const int *cells,
+                                       sb_boundary *skin, sb_error *error)
+{
+    unsigned char *lost =
+        (unsigned char *)sbi_alloc_zeroed(&pieces->allocator, (size_t)skin->surface.node_count, sizeof *lost);
+    sb_result result = lost ? regi_pieces_mark(pieces, mesh, cells, &skin->surface, lost, error)
+                            : sbi_fail(error, SB_ERROR_MEMORY, "no memory for the skin of a body");
+    if (result == SB_OK)
+        regi_pieces_drop_faces(lost, skin);
+    sbi_free(&pieces->allocator, lost);
+    return result;
+}
+
+/* The boundary of the mesh before it was cut; its nodes are the body's. */
+static sb_result regi_pieces_first_skin(const regi_pieces *pieces, sb_boundary *skin, sb_error *error)
+{
+    sb_mesh first;
+    int *cells = NULL;
+    sb_result result = sbi_body_copy_uncut(pieces->body, pieces->body, &pieces->allocator, &first, &cells, error);
+    if (result != SB_OK)
+        return result;
+    result = sb_mesh_boundary(&first, 1, &pieces->allocator, skin, error);
+    if (result == SB_OK && (result = regi_pieces_drop_lost(pieces, &first, cells, skin, error)) != SB_OK)
+        sb_boundary_free(skin);
+    sbi_free(&pieces->allocator, cells);
+    sb_mesh_free(&first);
+    return result;
+}
+
+REGI_API sb_result regi_pieces_skin(const regi_pieces *pieces, const sb_mesh *surface, sb_boundary *skin,
+                                    sb_error *error)
+{
+    sb_result result;
+    memset(skin, 0, sizeof *skin);
+    if (!surface)
+        return pieces->cells && sbi_body_has_uncut(pieces->body)
+                   ? regi_pieces_first_skin(pieces, skin, error)
+                   : sb_mesh_boundary(pieces->mesh, 1, &pieces->allocator, skin, error);
+    result = sb_mesh_copy(surface, &pieces->allocator, &skin->surface, error);
+    if (result == SB_OK && pieces->cells &&
+        (result = regi_pieces_drop_lost(pieces, pieces->mesh, pieces->cells, skin, error)) != SB_OK)
+        sb_boundary_free(skin);
+    return result;
+}
+
 /* ==== src/register/match_private.h ==== */
 /* match_private: what is inside a reg_match. Floor 6, internal: match.c makes it, match_step.c moves it. */
 #ifndef REG_MATCH_PRIVATE_H
@@ -7702,21 +7872,16 @@ static sb_result regi_match_make_sites(const sb_mesh *surface, const sb_allocato
 }
 
 /* Charges of the def's surface, or of the boundary of the body's mesh. */
-static sb_result regi_match_find_sites(const sb_mesh *mesh, const reg_match_def *def, regi_match_sites *sites,
+static sb_result regi_match_find_sites(const regi_pieces *pieces, const reg_match_def *def, regi_match_sites *sites,
                                        sb_error *error)
 {
-    sb_boundary boundary;
-    sb_result result;
+    sb_boundary skin;
+    sb_result result = regi_pieces_skin(pieces, def->surface, &skin, error);
     memset(sites, 0, sizeof *sites);
-    if (def->surface) {
-        result = regi_match_make_sites(def->surface, &def->allocator, sites, error);
-    } else {
-        result = sb_mesh_boundary(mesh, 1, &def->allocator, &boundary, error);
-        if (result != SB_OK)
-            return result;
-        result = regi_match_make_sites(&boundary.surface, &def->allocator, sites, error);
-        sb_boundary_free(&boundary);
-    }
+    if (result != SB_OK)
+        return result;
+    result = regi_match_make_sites(&skin.surface, &def->allocator, sites, error);
+    sb_boundary_free(&skin);
     if (result != SB_OK)
         regi_match_free_sites(&def->allocator, sites);
     return result;
@@ -7758,20 +7923,22 @@ static sb_result regi_match_embed(const sb_mesh *mesh, const sb_vec3 *points, in
 }
 
 /* Fills charges[count] and their rows, by ascending element. start: scratch [elements + 1], zeroed. */
-static void regi_match_settle_points(const sb_embedding *embedding, const sb_mesh *mesh, int count, int *start,
+static void regi_match_settle_points(const sb_embedding *embedding, const regi_pieces *pieces, int count, int *start,
                                      regi_match_charge *charges, sb_real *weights, sb_vec3 *gradients)
 {
+    const sb_mesh *mesh = pieces->mesh;
     size_t width = (size_t)sb_mesh_element_width(mesh);
     sb_embedded_point point;
     for (int i = 0; i < count; i++) {
         (void)sb_embedding_get_point(embedding, i, &point);
-        start[point.element + 1]++;
+        start[regi_pieces_find(pieces, point.element, point.xi) + 1]++;
     }
     for (int e = 0; e < mesh->element_count; e++)
         start[e + 1] += start[e];
     for (int i = 0; i < count; i++) {
         size_t at;
         (void)sb_embedding_get_point(embedding, i, &point);
+        point.element = regi_pieces_find(pieces, point.element, point.xi);
         at = (size_t)start[point.element]++;
         charges[at].element = point.element;
         charges[at].index = i;
@@ -7808,8 +7975,8 @@ static sb_result regi_match_allocate(reg_match *match, sb_error *error)
 }
 
 /* Charges and landmarks in the elements that hold them. */
-static sb_result regi_match_hold(reg_match *match, const reg_match_def *def, const regi_match_sites *sites,
-                                 sb_error *error)
+static sb_result regi_match_hold(reg_match *match, const reg_match_def *def, const regi_pieces *pieces,
+                                 const regi_match_sites *sites, sb_error *error)
 {
     sb_mesh mesh = match->mesh;
     size_t charges = (size_t)match->charge_count;
@@ -7827,7 +7994,7 @@ static sb_result regi_match_hold(reg_match *match, const reg_match_def *def, con
             return result;
         start = (int *)sbi_alloc_zeroed(&match->allocator, (size_t)mesh.element_count + 1, sizeof(int));
         if (start)
-            regi_match_settle_points(embedding, &mesh, count, start, match->charges + first,
+            regi_match_settle_points(embedding, pieces, count, start, match->charges + first,
                                      match->weights + first * (size_t)match->width,
                                      kind == 0 ? match->gradients : NULL);
         sb_embedding_destroy(embedding);
@@ -7930,25 +8097,35 @@ static sb_result regi_match_make_potential(reg_match *match, sb_error *error)
     return result;
 }
 
-static sb_result regi_match_build(reg_match *match, const reg_match_def *def, sb_error *error)
+/* The charges, and the rows of all that is held. */
+static sb_result regi_match_build_on(reg_match *match, const reg_match_def *def, const regi_pieces *pieces,
+                                     sb_error *error)
 {
     regi_match_sites sites;
+    sb_result result = regi_match_find_sites(pieces, def, &sites, error);
+    if (result != SB_OK)
+        return result;
+    match->charge_count = sites.count;
+    result = regi_match_allocate(match, error);
+    if (result == SB_OK)
+        result = regi_match_hold(match, def, pieces, &sites, error);
+    regi_match_free_sites(&def->allocator, &sites);
+    return result == SB_OK ? regi_match_make_potential(match, error) : result;
+}
+
+static sb_result regi_match_build(reg_match *match, const reg_match_def *def, sb_error *error)
+{
+    regi_pieces pieces;
     sb_result result = regi_match_set(match, def, error);
     if (result == SB_OK)
         result = regi_match_make_field(match, def, error);
     if (result != SB_OK)
         return result;
     match->partial = def->partial == SB_AUTO ? regi_field_is_open(match->field) : def->partial;
-    result = regi_match_find_sites(&match->mesh, def, &sites, error);
-    if (result != SB_OK)
-        return result;
-    match->charge_count = sites.count;
-    result = regi_match_allocate(match, error);
+    result = regi_pieces_make(def->body, &match->mesh, &def->allocator, &pieces, error);
     if (result == SB_OK)
-        result = regi_match_hold(match, def, &sites, error);
-    regi_match_free_sites(&def->allocator, &sites);
-    if (result == SB_OK)
-        result = regi_match_make_potential(match, error);
+        result = regi_match_build_on(match, def, &pieces, error);
+    regi_pieces_free(&pieces);
     if (result == SB_OK && match->landmark_count)
         memcpy(match->targets, def->landmark_targets, (size_t)match->landmark_count * sizeof(sb_vec3));
     return result;
@@ -8706,9 +8883,29 @@ static sb_result regi_nicp_grid_rows(const reg_nicp_def *def, const sb_vec3 *poi
     return result;
 }
 
+/* Rows of points go with the pieces that have their material. */
+static void regi_nicp_go_with_pieces(const regi_pieces *pieces, const sb_embedding *embedding, regi_nicp_rows *rows)
+{
+    const sb_mesh *mesh = pieces->mesh;
+    int width = sb_mesh_element_width(mesh);
+    for (int i = 0; i < rows->mapping.row_count; i++) {
+        sb_embedded_point point;
+        const int *from, *to;
+        (void)sb_embedding_get_point(embedding, i, &point);
+        from = mesh->elements + (size_t)point.element * (size_t)width;
+        to = mesh->elements + (size_t)regi_pieces_find(pieces, point.element, point.xi) * (size_t)width;
+        for (int k = rows->start[i]; k < rows->start[i + 1]; k++) {
+            int a = 0;
+            while (a < width - 1 && from[a] != rows->nodes[k])
+                a++;
+            rows->nodes[k] = to[a];
+        }
+    }
+}
+
 /* Rows of points at rest, through the grid or the elements. */
-static sb_result regi_nicp_hold(const reg_nicp *nicp, const reg_nicp_def *def, const sb_vec3 *points, int count,
-                                regi_nicp_rows *rows, sb_error *error)
+static sb_result regi_nicp_hold(const reg_nicp *nicp, const reg_nicp_def *def, const regi_pieces *pieces,
+                                const sb_vec3 *points, int count, regi_nicp_rows *rows, sb_error *error)
 {
     sb_embedding_def embed = sb_default_embedding_def();
     sb_embedding *embedding = NULL;
@@ -8729,6 +8926,8 @@ static sb_result regi_nicp_hold(const reg_nicp *nicp, const reg_nicp_def *def, c
         result = sb_embedding_mapping(embedding, &def->allocator, &made, error);
     if (result == SB_OK)
         result = regi_nicp_copy_rows(&made.mapping, NULL, count, &def->allocator, rows, error);
+    if (result == SB_OK && pieces->cells)
+        regi_nicp_go_with_pieces(pieces, embedding, rows);
     sb_embedding_rows_free(&made);
     sb_embedding_destroy(embedding);
     return result;
@@ -9040,10 +9239,10 @@ static sb_result regi_nicp_add_loads(reg_nicp *nicp, const reg_nicp_def *def, sb
                                error);
 }
 
-static sb_result regi_nicp_build_on(reg_nicp *nicp, const reg_nicp_def *def, const sb_boundary *boundary,
-                                    sb_error *error)
+static sb_result regi_nicp_build_on(reg_nicp *nicp, const reg_nicp_def *def, const regi_pieces *pieces,
+                                    const sb_boundary *skin, sb_error *error)
 {
-    const sb_mesh *surface = def->surface ? def->surface : &boundary->surface;
+    const sb_mesh *surface = &skin->surface;
     regi_nicp_choice samples;
     sb_result result = sb_surface_create(surface, &def->allocator, &nicp->skin, error);
     if (result == SB_OK)
@@ -9052,10 +9251,10 @@ static sb_result regi_nicp_build_on(reg_nicp *nicp, const reg_nicp_def *def, con
         result = regi_nicp_make_field(nicp, def, error);
     if (result == SB_OK)
         result = def->surface
-                     ? regi_nicp_hold(nicp, def, surface->nodes, surface->node_count, &nicp->rows, error)
-                     : regi_nicp_node_rows(boundary->nodes, surface->node_count, &def->allocator, &nicp->rows, error);
+                     ? regi_nicp_hold(nicp, def, pieces, surface->nodes, surface->node_count, &nicp->rows, error)
+                     : regi_nicp_node_rows(skin->nodes, surface->node_count, &def->allocator, &nicp->rows, error);
     if (result == SB_OK && nicp->landmark_count)
-        result = regi_nicp_hold(nicp, def, def->landmarks, nicp->landmark_count, &nicp->landmark_rows, error);
+        result = regi_nicp_hold(nicp, def, pieces, def->landmarks, nicp->landmark_count, &nicp->landmark_rows, error);
     if (result != SB_OK)
         return result;
     result = regi_nicp_choose_samples(nicp, def, &samples, error);
@@ -9069,18 +9268,20 @@ static sb_result regi_nicp_build_on(reg_nicp *nicp, const reg_nicp_def *def, con
 
 static sb_result regi_nicp_build(reg_nicp *nicp, const reg_nicp_def *def, sb_error *error)
 {
-    sb_boundary boundary;
+    regi_pieces pieces;
+    sb_boundary skin;
     sb_result result = sbi_body_copy_mesh(def->body, &def->allocator, &nicp->mesh, error);
     if (result != SB_OK)
         return result;
     regi_nicp_set(nicp, def);
-    if (def->surface)
-        return regi_nicp_build_on(nicp, def, NULL, error);
-    result = sb_mesh_boundary(&nicp->mesh, 1, &def->allocator, &boundary, error);
-    if (result != SB_OK)
-        return result;
-    result = regi_nicp_build_on(nicp, def, &boundary, error);
-    sb_boundary_free(&boundary);
+    result = regi_pieces_make(def->body, &nicp->mesh, &def->allocator, &pieces, error);
+    if (result == SB_OK)
+        result = regi_pieces_skin(&pieces, def->surface, &skin, error);
+    if (result == SB_OK) {
+        result = regi_nicp_build_on(nicp, def, &pieces, &skin, error);
+        sb_boundary_free(&skin);
+    }
+    regi_pieces_free(&pieces);
     return result;
 }
 
@@ -10465,7 +10666,11 @@ static sb_result regi_loads_prepare(regi_loads *l, sb_error *error)
     const sb_allocator *allocator = &l->def->allocator;
     sb_mesh mesh = l->match->mesh;
     sbi_arena arena;
-    sb_result result = sb_mesh_boundary(&mesh, 1, allocator, &l->boundary, error);
+    regi_pieces pieces;
+    sb_result result = regi_pieces_make(l->body, &mesh, allocator, &pieces, error);
+    if (result == SB_OK)
+        result = regi_pieces_skin(&pieces, NULL, &l->boundary, error);
+    regi_pieces_free(&pieces);
     if (result == SB_OK)
         result = sbi_body_make_factor(l->body, allocator, &l->direct, error);
     if (result != SB_OK)

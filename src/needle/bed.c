@@ -7,14 +7,6 @@
 
 /* ---- creation ---- */
 
-static void ndli_bed_list_cells(ndli_bed *bed, const sb_body *body)
-{
-    int count = 0;
-    for (int cell = 0; cell < sb_body_element_count(body); cell++)
-        if (sb_body_cell_in_use(body, cell) && !sbi_body_is_later_part(body, cell))
-            bed->cells[count++] = cell;
-}
-
 static uint64_t ndli_bed_hash(const ndli_bed *bed)
 {
     size_t elements = (size_t)bed->mesh.element_count, corners = elements * (size_t)sb_mesh_element_width(&bed->mesh);
@@ -41,7 +33,7 @@ static sb_result ndli_bed_copy_mesh(ndli_bed *bed, const sb_body *mesh_of, sb_er
     bed->cells = (int *)sbi_alloc(&bed->allocator, (size_t)bed->mesh.element_count, sizeof(int));
     if (!bed->cells)
         return sbi_fail(error, SB_ERROR_MEMORY, "no memory for a body's needles");
-    ndli_bed_list_cells(bed, mesh_of);
+    sbi_body_list_cells(mesh_of, bed->cells);
     return SB_OK;
 }
 
@@ -102,7 +94,8 @@ NDLI_API int ndli_bed_locate(const ndli_bed *bed, sb_vec3 X, int hint, ndli_plac
 /* The cell with its material; -1: it has been taken away. */
 static int ndli_bed_holder(const ndli_bed *bed, const ndli_place *place)
 {
-    return sbi_body_find_holder(bed->body, bed->cells[place->element], place->xi);
+    int element = place->element;
+    return sbi_body_find_holder(bed->body, &bed->mesh, element, bed->cells[element], place->xi);
 }
 
 /* 1: the row is of the place's material. A cell whose material was taken away leaves its slot to others. */

@@ -5,6 +5,7 @@
 
 #include "../softbody/solve/direct_front.h"
 #include "match_private.h"
+#include "pieces.h"
 
 #define REGI_LOADS_COOKIE 0x6c6f6164u
 
@@ -849,7 +850,11 @@ static sb_result regi_loads_prepare(regi_loads *l, sb_error *error)
     const sb_allocator *allocator = &l->def->allocator;
     sb_mesh mesh = l->match->mesh;
     sbi_arena arena;
-    sb_result result = sb_mesh_boundary(&mesh, 1, allocator, &l->boundary, error);
+    regi_pieces pieces;
+    sb_result result = regi_pieces_make(l->body, &mesh, allocator, &pieces, error);
+    if (result == SB_OK)
+        result = regi_pieces_skin(&pieces, NULL, &l->boundary, error);
+    regi_pieces_free(&pieces);
     if (result == SB_OK)
         result = sbi_body_make_factor(l->body, allocator, &l->direct, error);
     if (result != SB_OK)

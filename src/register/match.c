@@ -6,6 +6,7 @@
 #include "../softbody/body/live_mesh.h"
 #include "../softbody/geometry/embed.h"
 #include "match_private.h"
+#include "pieces.h"
 
 #define REGI_MATCH_COOKIE 0x6d617463u
 
@@ -167,21 +168,16 @@ static sb_result regi_match_make_sites(const sb_mesh *surface, const sb_allocato
 }
 
 /* Charges of the def's surface, or of the boundary of the body's mesh. */
-static sb_result regi_match_find_sites(const sb_mesh *mesh, const reg_match_def *def, regi_match_sites *sites,
+static sb_result regi_match_find_sites(const regi_pieces *pieces, const reg_match_def *def, regi_match_sites *sites,
                                        sb_error *error)
 {
-    sb_boundary boundary;
-    sb_result result;
+    sb_boundary skin;
+    sb_result result = regi_pieces_skin(pieces, def->surface, &skin, error);
     memset(sites, 0, sizeof *sites);
-    if (def->surface) {
-        result = regi_match_make_sites(def->surface, &def->allocator, sites, error);
-    } else {
-        result = sb_mesh_boundary(mesh, 1, &def->allocator, &boundary, error);
-        if (result != SB_OK)
-            return result;
-        result = regi_match_make_sites(&boundary.surface, &def->allocator, sites, error);
-        sb_boundary_free(&boundary);
-    }
+    if (result != SB_OK)
+        return result;
+    result = regi_match_make_sites(&skin.surface, &def->allocator, sites, error);
+    sb_boundary_free(&skin);
     if (result != SB_OK)
         regi_match_free_sites(&def->allocator, sites);
     return result;
@@ -223,20 +219,22 @@ static sb_result regi_match_embed(const sb_mesh *mesh, const sb_vec3 *points, in
 }
 
 /* Fills charges[count] and their rows, by ascending element. start: scratch [elements + 1], zeroed. */
-static void regi_match_settle_points(const sb_embedding *embedding, const sb_mesh *mesh, int count, int *start,
+static void regi_match_settle_points(const sb_embedding *embedding, const regi_pieces *pieces, int count, int *start,
                                      regi_match_charge *charges, sb_real *weights, sb_vec3 *gradients)
 {
+    const sb_mesh *mesh = pieces->mesh;
     size_t width = (size_t)sb_mesh_element_width(mesh);
     sb_embedded_point point;
     for (int i = 0; i < count; i++) {
         (void)sb_embedding_get_point(embedding, i, &point);
-        start[point.element + 1]++;
+        start[regi_pieces_find(pieces, point.element, point.xi) + 1]++;
     }
     for (int e = 0; e < mesh->element_count; e++)
         start[e + 1] += start[e];
     for (int i = 0; i < count; i++) {
         size_t at;
         (void)sb_embedding_get_point(embedding, i, &point);
+        point.element = regi_pieces_find(pieces, point.element, point.xi);
         at = (size_t)start[point.element]++;
         charges[at].element = point.element;
         charges[at].index = i;
@@ -273,8 +271,8 @@ static sb_result regi_match_allocate(reg_match *match, sb_error *error)
 }
 
 /* Charges and landmarks in the elements that hold them. */
-static sb_result regi_match_hold(reg_match *match, const reg_match_def *def, const regi_match_sites *sites,
-                                 sb_error *error)
+static sb_result regi_match_hold(reg_match *match, const reg_match_def *def, const regi_pieces *pieces,
+                                 const regi_match_sites *sites, sb_error *error)
 {
     sb_mesh mesh = match->mesh;
     size_t charges = (size_t)match->charge_count;
@@ -292,7 +290,7 @@ static sb_result regi_match_hold(reg_match *match, const reg_match_def *def, con
             return result;
         start = (int *)sbi_alloc_zeroed(&match->allocator, (size_t)mesh.element_count + 1, sizeof(int));
         if (start)
-            regi_match_settle_points(embedding, &mesh, count, start, match->charges + first,
+            regi_match_settle_points(embedding, pieces, count, start, match->charges + first,
                                      match->weights + first * (size_t)match->width,
                                      kind == 0 ? match->gradients : NULL);
         sb_embedding_destroy(embedding);
@@ -395,25 +393,35 @@ static sb_result regi_match_make_potential(reg_match *match, sb_error *error)
     return result;
 }
 
-static sb_result regi_match_build(reg_match *match, const reg_match_def *def, sb_error *error)
+/* The charges, and the rows of all that is held. */
+static sb_result regi_match_build_on(reg_match *match, const reg_match_def *def, const regi_pieces *pieces,
+                                     sb_error *error)
 {
     regi_match_sites sites;
+    sb_result result = regi_match_find_sites(pieces, def, &sites, error);
+    if (result != SB_OK)
+        return result;
+    match->charge_count = sites.count;
+    result = regi_match_allocate(match, error);
+    if (result == SB_OK)
+        result = regi_match_hold(match, def, pieces, &sites, error);
+    regi_match_free_sites(&def->allocator, &sites);
+    return result == SB_OK ? regi_match_make_potential(match, error) : result;
+}
+
+static sb_result regi_match_build(reg_match *match, const reg_match_def *def, sb_error *error)
+{
+    regi_pieces pieces;
     sb_result result = regi_match_set(match, def, error);
     if (result == SB_OK)
         result = regi_match_make_field(match, def, error);
     if (result != SB_OK)
         return result;
     match->partial = def->partial == SB_AUTO ? regi_field_is_open(match->field) : def->partial;
-    result = regi_match_find_sites(&match->mesh, def, &sites, error);
-    if (result != SB_OK)
-        return result;
-    match->charge_count = sites.count;
-    result = regi_match_allocate(match, error);
+    result = regi_pieces_make(def->body, &match->mesh, &def->allocator, &pieces, error);
     if (result == SB_OK)
-        result = regi_match_hold(match, def, &sites, error);
-    regi_match_free_sites(&def->allocator, &sites);
-    if (result == SB_OK)
-        result = regi_match_make_potential(match, error);
+        result = regi_match_build_on(match, def, &pieces, error);
+    regi_pieces_free(&pieces);
     if (result == SB_OK && match->landmark_count)
         memcpy(match->targets, def->landmark_targets, (size_t)match->landmark_count * sizeof(sb_vec3));
     return result;

@@ -49,7 +49,8 @@ typedef struct reg_match_def {
                              * known not to move); dead loads, springs and mappings act; constraints are refused.
                              * Gravity acts too: leave it 0 when the rest shape already hangs in it */
     const sb_mesh *surface; /* surface of the organ at rest, tri or quad, outward, or NULL (default): the boundary of
-                             * the body. Read at creation only */
+                             * the body; of one that an sb_cut has cut that of the mesh before, without lips and walls
+                             * of holes. What was taken out of it does not count. Read at creation only */
     const sb_mesh *target;  /* surface that was seen, outward, in the same frame; or NULL, then: */
     const sb_vec3 *target_points;  /* [target_count] cloud (m) */
     const sb_vec3 *target_normals; /* [target_count] outward, or NULL */

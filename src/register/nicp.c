@@ -7,6 +7,7 @@
 #include "../softbody/geometry/embed.h"
 #include "kdtree.h"
 #include "nicp_private.h"
+#include "pieces.h"
 
 #define REGI_NICP_COOKIE 0x6e696370u
 
@@ -194,9 +195,29 @@ static sb_result regi_nicp_grid_rows(const reg_nicp_def *def, const sb_vec3 *poi
     return result;
 }
 
+/* Rows of points go with the pieces that have their material. */
+static void regi_nicp_go_with_pieces(const regi_pieces *pieces, const sb_embedding *embedding, regi_nicp_rows *rows)
+{
+    const sb_mesh *mesh = pieces->mesh;
+    int width = sb_mesh_element_width(mesh);
+    for (int i = 0; i < rows->mapping.row_count; i++) {
+        sb_embedded_point point;
+        const int *from, *to;
+        (void)sb_embedding_get_point(embedding, i, &point);
+        from = mesh->elements + (size_t)point.element * (size_t)width;
+        to = mesh->elements + (size_t)regi_pieces_find(pieces, point.element, point.xi) * (size_t)width;
+        for (int k = rows->start[i]; k < rows->start[i + 1]; k++) {
+            int a = 0;
+            while (a < width - 1 && from[a] != rows->nodes[k])
+                a++;
+            rows->nodes[k] = to[a];
+        }
+    }
+}
+
 /* Rows of points at rest, through the grid or the elements. */
-static sb_result regi_nicp_hold(const reg_nicp *nicp, const reg_nicp_def *def, const sb_vec3 *points, int count,
-                                regi_nicp_rows *rows, sb_error *error)
+static sb_result regi_nicp_hold(const reg_nicp *nicp, const reg_nicp_def *def, const regi_pieces *pieces,
+                                const sb_vec3 *points, int count, regi_nicp_rows *rows, sb_error *error)
 {
     sb_embedding_def embed = sb_default_embedding_def();
     sb_embedding *embedding = NULL;
@@ -217,6 +238,8 @@ static sb_result regi_nicp_hold(const reg_nicp *nicp, const reg_nicp_def *def, c
         result = sb_embedding_mapping(embedding, &def->allocator, &made, error);
     if (result == SB_OK)
         result = regi_nicp_copy_rows(&made.mapping, NULL, count, &def->allocator, rows, error);
+    if (result == SB_OK && pieces->cells)
+        regi_nicp_go_with_pieces(pieces, embedding, rows);
     sb_embedding_rows_free(&made);
     sb_embedding_destroy(embedding);
     return result;
@@ -528,10 +551,10 @@ static sb_result regi_nicp_add_loads(reg_nicp *nicp, const reg_nicp_def *def, sb
                                error);
 }
 
-static sb_result regi_nicp_build_on(reg_nicp *nicp, const reg_nicp_def *def, const sb_boundary *boundary,
-                                    sb_error *error)
+static sb_result regi_nicp_build_on(reg_nicp *nicp, const reg_nicp_def *def, const regi_pieces *pieces,
+                                    const sb_boundary *skin, sb_error *error)
 {
-    const sb_mesh *surface = def->surface ? def->surface : &boundary->surface;
+    const sb_mesh *surface = &skin->surface;
     regi_nicp_choice samples;
     sb_result result = sb_surface_create(surface, &def->allocator, &nicp->skin, error);
     if (result == SB_OK)
@@ -540,10 +563,10 @@ static sb_result regi_nicp_build_on(reg_nicp *nicp, const reg_nicp_def *def, con
         result = regi_nicp_make_field(nicp, def, error);
     if (result == SB_OK)
         result = def->surface
-                     ? regi_nicp_hold(nicp, def, surface->nodes, surface->node_count, &nicp->rows, error)
-                     : regi_nicp_node_rows(boundary->nodes, surface->node_count, &def->allocator, &nicp->rows, error);
+                     ? regi_nicp_hold(nicp, def, pieces, surface->nodes, surface->node_count, &nicp->rows, error)
+                     : regi_nicp_node_rows(skin->nodes, surface->node_count, &def->allocator, &nicp->rows, error);
     if (result == SB_OK && nicp->landmark_count)
-        result = regi_nicp_hold(nicp, def, def->landmarks, nicp->landmark_count, &nicp->landmark_rows, error);
+        result = regi_nicp_hold(nicp, def, pieces, def->landmarks, nicp->landmark_count, &nicp->landmark_rows, error);
     if (result != SB_OK)
         return result;
     result = regi_nicp_choose_samples(nicp, def, &samples, error);
@@ -557,18 +580,20 @@ static sb_result regi_nicp_build_on(reg_nicp *nicp, const reg_nicp_def *def, con
 
 static sb_result regi_nicp_build(reg_nicp *nicp, const reg_nicp_def *def, sb_error *error)
 {
-    sb_boundary boundary;
+    regi_pieces pieces;
+    sb_boundary skin;
     sb_result result = sbi_body_copy_mesh(def->body, &def->allocator, &nicp->mesh, error);
     if (result != SB_OK)
         return result;
     regi_nicp_set(nicp, def);
-    if (def->surface)
-        return regi_nicp_build_on(nicp, def, NULL, error);
-    result = sb_mesh_boundary(&nicp->mesh, 1, &def->allocator, &boundary, error);
-    if (result != SB_OK)
-        return result;
-    result = regi_nicp_build_on(nicp, def, &boundary, error);
-    sb_boundary_free(&boundary);
+    result = regi_pieces_make(def->body, &nicp->mesh, &def->allocator, &pieces, error);
+    if (result == SB_OK)
+        result = regi_pieces_skin(&pieces, def->surface, &skin, error);
+    if (result == SB_OK) {
+        result = regi_nicp_build_on(nicp, def, &pieces, &skin, error);
+        sb_boundary_free(&skin);
+    }
+    regi_pieces_free(&pieces);
     return result;
 }
 

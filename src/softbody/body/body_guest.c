@@ -131,6 +131,14 @@ SBI_API sb_result sbi_body_copy_mesh(const sb_body *body, const sb_allocator *al
     return SB_OK;
 }
 
+SBI_API void sbi_body_list_cells(const sb_body *body, int *cells)
+{
+    int count = 0;
+    for (int e = 0; e < body->domain.cell_count; e++)
+        if (sb_body_cell_in_use(body, e) && !sbi_body_is_later_part(body, e))
+            cells[count++] = e;
+}
+
 SBI_API int sbi_body_has_uncut(const sb_body *owner) { return owner->live && owner->live->uncut; }
 
 SBI_API sb_result sbi_body_copy_uncut(const sb_body *body, const sb_body *owner, const sb_allocator *allocator,

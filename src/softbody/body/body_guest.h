@@ -16,6 +16,8 @@ SBI_API sb_mesh sbi_body_shape(const sb_body *body); /* as it is now; borrowed, 
  * free nodes belong to no cell and lie on one that does. Release with sb_mesh_free. SB_ERROR_MEMORY. */
 SBI_API sb_result sbi_body_copy_mesh(const sb_body *body, const sb_allocator *allocator, sb_mesh *mesh,
                                      sb_error *error);
+/* Which cells its elements are, ascending: cells[elements]. */
+SBI_API void sbi_body_list_cells(const sb_body *body, int *cells);
 /* The same of the mesh before any cut, which `owner` knows (sbi_body_has_uncut), with its nodes as the body has them;
  * cells[count], to be freed: numbers that its elements had as cells. SB_ERROR_MEMORY, SB_ERROR_STATE: the body has
  * fewer nodes. */
@@ -36,8 +38,9 @@ SBI_API int sbi_body_has_constraints(const sb_body *body);
 SBI_API int sbi_body_has_pieces(const sb_body *body); /* 1: cells of it are pieces of elements, as a cut leaves them */
 SBI_API int sbi_body_is_live(const sb_body *body);    /* 1: its mesh can change */
 SBI_API int sbi_body_has_finder(const sb_body *body); /* 1: an sb_cut knows which piece has what material */
-/* sb_body_find_cell, but -1 where the material at xi was taken out of the element. */
-SBI_API int sbi_body_find_holder(const sb_body *body, int cell, const sb_real xi[3]);
+/* sb_body_find_cell for an element of `mesh`, which has been `cell` of the body; -1 where the material at xi was taken
+ * out, though its slot may be another's now. */
+SBI_API int sbi_body_find_holder(const sb_body *body, const sb_mesh *mesh, int element, int cell, const sb_real xi[3]);
 SBI_API int sbi_body_load_count(const sb_body *body); /* pressures, springs and mappings */
 SBI_API int sbi_body_max_iterations(const sb_body *body);
 SBI_API const sb_vec3 *

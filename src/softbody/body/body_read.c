@@ -62,11 +62,23 @@ SB_API int sb_body_find_cell(const sb_body *body, int cell, const sb_real xi[3])
     return body->live && body->live->find ? body->live->find(body->live->find_user, cell, xi) : cell;
 }
 
-SBI_API int sbi_body_find_holder(const sb_body *body, int cell, const sb_real xi[3])
+/* 1: a cell, or NULL, has the corners of an element, at rest. */
+static int sbi_body_has_places(const sb_body *body, const int *cell, const sb_mesh *mesh, int element)
 {
-    if (!sb_body_cell_in_use(body, cell))
+    const int *nodes = mesh->elements + (size_t)element * (size_t)sb_mesh_element_width(mesh);
+    int same = cell != NULL;
+    for (int k = 0; k < 4 && same; k++)
+        same = !(sb_v3_norm(sb_v3_sub(body->reference[cell[k]], mesh->nodes[nodes[k]])) > 0);
+    return same;
+}
+
+SBI_API int sbi_body_find_holder(const sb_body *body, const sb_mesh *mesh, int element, int cell, const sb_real xi[3])
+{
+    if (!body->live || !body->live->holder)
+        return sb_body_find_cell(body, cell, xi);
+    if (!sbi_body_has_places(body, sb_body_cell_nodes(body, cell), mesh, element))
         return -1;
-    return body->live && body->live->holder ? body->live->holder(body->live->find_user, cell, xi) : cell;
+    return body->live->holder(body->live->find_user, cell, xi);
 }
 
 SB_API const sb_vec3 *sb_body_rest_positions(const sb_body *body) { return body ? body->reference : NULL; }
