@@ -2033,7 +2033,16 @@ static inline int case_cut(case_file *c, const case_statement *s)
     return 1;
 }
 
-static inline int case_ablate(case_file *c, const case_statement *s)
+/* 1: the body has material. */
+static inline int case_is_left(const sb_body *body)
+{
+    int left = 0;
+    for (int e = 0; e < sb_body_element_count(body) && !left; e++)
+        left = sb_body_cell_share(body, e) > 0;
+    return left;
+}
+
+static inline int case_ablate(case_file *c, const sb_body *body, const case_statement *s)
 {
     sb_vec3 centre = sb_v3((sb_real)s->numbers[0], (sb_real)s->numbers[1], (sb_real)s->numbers[2]);
     sb_cut_info info;
@@ -2042,6 +2051,8 @@ static inline int case_ablate(case_file *c, const case_statement *s)
         return case_fail_library(c, s->line, &error);
     if (!(info.removed_volume > 0))
         return case_fail(c, s->line, "the ball has nothing of the mesh in it: no point of the lattice");
+    if (!case_is_left(body))
+        return case_fail(c, s->line, "the ball takes all of the mesh");
     return 1;
 }
 
@@ -2060,7 +2071,7 @@ static inline int case_cut_body(case_file *c, sb_body *body)
             continue;
         if (!c->cut && sb_cut_create(&def, &c->cut, &error) != SB_OK)
             return case_fail_library(c, s->line, &error);
-        if (s->form->code == CASE_CUT_BALL ? !case_ablate(c, s) : !case_cut(c, s))
+        if (s->form->code == CASE_CUT_BALL ? !case_ablate(c, body, s) : !case_cut(c, s))
             return 0;
     }
     return 1;

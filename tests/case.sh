@@ -572,6 +572,7 @@ wrong_cut 'a plane cut twice' 'cut plane 3.3 0 0 1 0 0
 cut plane 3.3 0 0 1 0 0' 'the cut meets nothing of the mesh that was whole' 5
 wrong_cut 'a ball of no size' 'ablate 3 1 1 0' 'radius of the ball is 0, it must be > 0'
 wrong_cut 'a ball beside the mesh' 'ablate 9 9 9 0.1' 'the ball has nothing of the mesh in it' 4
+wrong_cut 'a ball around the mesh' 'ablate 3 1 1 100' 'the ball takes all of the mesh' 4
 wrong_cut 'a ball with three numbers' 'ablate 9 9 9' 'word is missing; expected: ablate NUMBER'
 wrong_cut 'a lattice of 3' 'cut plane 3 0 0 1 0 0 lattice=3' 'lattice=3 must be 1, 2 or 4'
 wrong_cut 'two lattices' 'cut plane 3.3 0 0 1 0 0 lattice=1
