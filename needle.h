@@ -14441,7 +14441,9 @@ static void ndli_held_resist_tip(ndl_needle *needle, const ndli_bed_row *row, do
     ndli_v3 ahead = ndli_madd(end.X, 0.2 * needle->site->mean_edge, needle->heading);
     ndli_place place;
     int last = ndli_line_foremost(line);
-    line->cutting = ndli_needle_cutting_at(needle, ndli_to(end.X), row->count ? ndli_bed_region(bed, row) : -1, table);
+    if (!row->count) /* there is nothing in a hole */
+        return;
+    line->cutting = ndli_needle_cutting_at(needle, ndli_to(end.X), ndli_bed_region(bed, row), table);
     if (needle->hold_steps == 0 && ndli_bed_locate(bed, ndli_to(ahead), end.element, &place))
         return;
     needle->blocked = 1;
