@@ -51,7 +51,7 @@ typedef struct reg_nicp_def {
     const sb_grid *grid;    /* NULL; or the grid whose body_mesh the body has: `surface` is then needed, and goes
                              * through the grid's mapping. Read at creation only, as are all below */
     const sb_mesh *surface; /* surface of the organ at rest, tri or quad, outward, or NULL (default): the boundary of
-                             * the body */
+                             * the body, of one that is cut as a match takes it (see match.h) */
     int sources;            /* most of the surface's vertices that are paired, evenly spread, >= 4; default 4000 */
     const sb_mesh *target;  /* surface that was seen, outward, in the same frame; or NULL, then: */
     const sb_vec3 *target_points;  /* [target_count] cloud (m) */
