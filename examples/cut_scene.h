@@ -208,16 +208,16 @@ static inline int cut_scene_write_frame(cut_scene *c, const char *prefix)
     for (int i = 0; crumbs && i < d.triangle_count; i++)
         crumbs[i] = cut_scene_part_of(c, &d, i) < 0;
     snprintf(path, sizeof path, "%s_%04d.vtk", prefix, c->scene.frames);
-    if (crumbs && part && cut_file_make(&file, &d, crumbs)) {
+    if (crumbs && part && cut_file_make(&file, &d, crumbs)) { /* nothing is written of what has all been taken out */
         sb_field fields[3] = {{"displacement", SB_FIELD_NODES, 3, NULL},
                               {"lip", SB_FIELD_ELEMENTS, 1, NULL},
                               {"part", SB_FIELD_ELEMENTS, 1, NULL}};
         fields[0].values = file.displacement, fields[1].values = file.lip, fields[2].values = part;
         for (int i = 0; i < file.mesh.element_count; i++)
             part[i] = (sb_real)cut_scene_part_of(c, &d, file.triangles[i]);
-        if (sb_mesh_save_vtk_binary(path, &file.mesh, fields, 3, &error) != SB_OK)
+        if (file.mesh.element_count > 0 && sb_mesh_save_vtk_binary(path, &file.mesh, fields, 3, &error) != SB_OK)
             status = organ_complain_of(&c->scene, path, &error, ORGAN_USAGE);
-        c->scene.frames += !status;
+        c->scene.frames += !status && file.mesh.element_count > 0;
     } else {
         status = organ_complain_memory(&c->scene);
     }

@@ -1014,6 +1014,7 @@ for file in .csv .png _0003.vtk; do
 done
 printf '0 0 0 0\n1 0 0 0.1\n' >out.txt
 expect 0 '^removed_ml=[0-9.]* removed_g=[0-9.]* left_g=0.0000 parts=0 frames=2$' cautery --cells 4 --path out.txt --radius 1 --frames 2 --every 0 -o all
+expect 0 '^removed_ml=[0-9.]* removed_g=[0-9.]* left_g=0.0000 parts=0 frames=2$' cautery --cells 4 --path out.txt --radius 1 --frames 2 --every 1 -o all
 long expect_data 0 '^removed_ml=[0-9.]* .* parts=1' cautery volumes/liver_a_tet4_2k.vtk --passes 1 --frames 60 -o organ
 bad_way() { # bad_way WORDS TEXT: the file with the way is refused
     printf "$2" >bad.txt
