@@ -2670,6 +2670,7 @@ public unsafe struct reg_quality
     public reg_prior_kind prior;
     public double prior_margin;
     public double belief;
+    public double sure;
     public double seen;
     public double used;
     public double noise;

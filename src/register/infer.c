@@ -242,7 +242,7 @@ static sb_result regi_infer_begin(reg_infer *f)
     f->response.centre = reg_rigid_apply(&def->start, middle);
     for (int k = 0; k < REGI_INFER_POSE; k++)
         f->pose_sd[k] = (double)(k < 3 ? sd : def->start_turn);
-    f->temper = 1;
+    f->temper = f->alike = 1;
     f->gauss.poses = REGI_GAUSS_POSES;
     f->gauss.exact = f->model->held ? 0 : REGI_GAUSS_EXACT;
     sb_body_reset(f->model->body);
@@ -297,8 +297,10 @@ static sb_result regi_infer_make(reg_infer *f, const sb_mesh *triangles, sb_erro
     else
         regi_infer_take_cloud(f);
     result = regi_infer_group(f, f->look.patch_count, error);
-    if (result == SB_OK)
+    if (result == SB_OK) {
+        f->spacing = regi_infer_spacing(f);
         result = regi_infer_take_landmarks(f, error);
+    }
     if (result == SB_OK)
         result = regi_infer_make_between(f, error);
     if (result == SB_OK)

@@ -134,7 +134,8 @@ typedef struct reg_quality {
                         * motion; LOW_CONTRAST: the pose is open by 2 % of the size or 5 degrees */
     reg_prior_kind prior;
     sb_real prior_margin;             /* log evidence over that of no loads, tempered */
-    sb_real belief;                   /* share of the way from the start to the elastic shape that the answer goes */
+    sb_real belief;                   /* share of the way from the start to the elastic shape that the answer goes: */
+    sb_real sure;                     /* this times that; less than 1 the less sure the way is for its length */
     sb_real seen;                     /* share of the model's surface with points of the target near */
     sb_real used;                     /* share of the target's weight that was believed */
     sb_real noise;                    /* m: standard deviation of the points across the surface, estimated */

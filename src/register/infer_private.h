@@ -77,6 +77,9 @@ struct reg_infer {
     double pose_sd[REGI_INFER_POSE]; /* m, rad */
     double pose[REGI_INFER_POSE];    /* reached: m, rad */
     double next[REGI_GAUSS_POSES];   /* found in this round; the offset last (m) */
+    sb_real spacing;                 /* m: of the patches */
+    double alike;                    /* patches that count as one, >= 1 */
+    double left;                     /* mean square of the patches' residuals over their deviations */
     double temper;                   /* share of the evidence that counts, (0, 1] */
 };
 
@@ -93,6 +96,8 @@ REGI_API int regi_infer_is_motion(const reg_rigid *motion);
 REGI_API double regi_infer_now(const reg_infer *infer);
 /* Groups the points into patches: fills the look. SB_ERROR_MEMORY. */
 REGI_API sb_result regi_infer_group(reg_infer *infer, int patches, sb_error *error);
+/* Mean distance between patches that are neighbours (m). */
+REGI_API sb_real regi_infer_spacing(const reg_infer *infer);
 /* Looks for the points' places on the model where it is now, trusts them, and lists the data: gauss.count, patch_of,
  * averaged. Returns how many patches count. */
 REGI_API int regi_infer_look(reg_infer *infer, int round);

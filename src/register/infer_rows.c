@@ -59,6 +59,22 @@ REGI_API sb_result regi_infer_group(reg_infer *f, int patches, sb_error *error)
     return result;
 }
 
+REGI_API sb_real regi_infer_spacing(const reg_infer *f)
+{
+    double sum = 0;
+    int count = 0;
+    for (int s = 0; s < f->look.patch_count; s++) {
+        sb_real nearest = SB_REAL_MAX;
+        for (int t = 0; t < f->look.patch_count; t++) {
+            sb_vec3 d = sb_v3_sub(f->look.points[f->look.patch_start[s]].at, f->look.points[f->look.patch_start[t]].at);
+            nearest = t == s ? nearest : sb_min(nearest, sb_v3_dot(d, d));
+        }
+        sum += nearest < SB_REAL_MAX ? (double)sb_sqrt(nearest) : 0;
+        count++;
+    }
+    return count > 0 ? (sb_real)(sum / count) : 0;
+}
+
 /* ---- data ---- */
 
 static int regi_infer_list_data(reg_infer *f)

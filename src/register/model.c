@@ -125,6 +125,8 @@ REG_API sb_result reg_model_create(const reg_model_def *def, reg_model **model, 
     if (result == SB_OK)
         result = regi_model_make_skin(made, def, error);
     if (result == SB_OK)
+        result = regi_model_find_calm(made, error);
+    if (result == SB_OK)
         *model = made;
     else
         reg_model_destroy(made);

@@ -31,4 +31,8 @@ struct reg_model {
     int held; /* 1: there are fixed nodes */
 };
 
+/* ---- model_calm ---- */
+/* The prior's calm, of the body at rest. The factor's errors, SB_ERROR_MEMORY. */
+REGI_API sb_result regi_model_find_calm(reg_model *model, sb_error *error);
+
 #endif /* REG_MODEL_PRIVATE_H */

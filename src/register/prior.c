@@ -32,6 +32,7 @@ static void regi_prior_layout(regi_prior *p, sbi_arena *arena)
     size_t n = (size_t)p->node_count, c = (size_t)p->control_count;
     p->places = (sb_vec3 *)sbi_arena_take(arena, c, sizeof(sb_vec3));
     p->areas = (double *)sbi_arena_take(arena, c, sizeof(double));
+    p->calm = (double *)sbi_arena_take(arena, c, sizeof(double));
     p->start = (int *)sbi_arena_take(arena, n + 1, sizeof(int));
     p->weight = (sb_real *)sbi_arena_take(arena, n, sizeof(sb_real));
 }
@@ -153,8 +154,10 @@ static sb_result regi_prior_fill(regi_prior *p, const sb_mesh *mesh, regi_prior_
 {
     int width = sb_mesh_element_width(draft->skin);
     sb_result result;
-    for (int j = 0; j < p->control_count; j++)
+    for (int j = 0; j < p->control_count; j++) {
         p->places[j] = draft->skin->nodes[draft->chosen[j]];
+        p->calm[j] = 1;
+    }
     regi_prior_spread(p, draft);
     for (int f = 0; f < draft->skin->element_count; f++)
         regi_prior_add_facet(p, draft, draft->skin->elements + (size_t)f * (size_t)width, width);
@@ -252,7 +255,7 @@ REGI_API int regi_prior_root(const regi_prior *p, double length, const double *l
     int c = p->control_count;
     for (int i = 0; i < c; i++)
         for (int j = i; j < c; j++) {
-            double scale = local ? local[i] * local[j] : 1;
+            double scale = p->calm[i] * p->calm[j] * (local ? local[i] * local[j] : 1);
             root[(size_t)i * (size_t)c + (size_t)j] =
                 scale * (regi_prior_kernel(regi_prior_apart(p, i, j) / (length * p->size)) + (i == j ? 1e-9 : 0));
         }
@@ -266,6 +269,12 @@ REGI_API int regi_prior_root(const regi_prior *p, double length, const double *l
     return 1;
 }
 
+/* What is expected at a control point, as if it bore loads like any other. */
+static double regi_prior_energy(const regi_prior *p, const double *energy, int control)
+{
+    return energy[control] / (p->calm[control] * p->calm[control]);
+}
+
 /* d^2 = (nu phi + energy) / (nu + 1) over the mean; energies are averaged with a Gaussian of l / 2 first. What is not
  * seen keeps the variance that it has, so that nothing is declared free of loads because nobody looked. */
 REGI_API void regi_prior_localise(const regi_prior *p, double length, const double *energy, double *local)
@@ -274,7 +283,7 @@ REGI_API void regi_prior_localise(const regi_prior *p, double length, const doub
     int c = p->control_count;
     double mean = 0, area = 0, reach = 0.5 * length * p->size;
     for (int i = 0; i < c; i++) {
-        mean += p->areas[i] * energy[i];
+        mean += p->areas[i] * regi_prior_energy(p, energy, i);
         area += p->areas[i];
     }
     mean /= area;
@@ -283,7 +292,7 @@ REGI_API void regi_prior_localise(const regi_prior *p, double length, const doub
         double sum = 0, weights = 0;
         for (int j = 0; j < c; j++) {
             double z = regi_prior_apart(p, i, j) / reach, w = p->areas[j] * sbi_dense_exp(-0.5 * z * z);
-            sum += w * energy[j];
+            sum += w * regi_prior_energy(p, energy, j);
             weights += w;
         }
         local[i] = (nu * phi * mean + degrees * sum / weights) / (nu + degrees);

@@ -2360,6 +2360,7 @@ reg_quality._fields_ = [
     ("prior", c_int),
     ("prior_margin", c_double),
     ("belief", c_double),
+    ("sure", c_double),
     ("seen", c_double),
     ("used", c_double),
     ("noise", c_double),
