@@ -13133,11 +13133,14 @@ static double regi_infer_find_temper(const reg_infer *f)
 }
 
 /* alike: how many patches are off alike, as those are that one facet, rim or smoothed stretch of noise is under, times
- * the share of their variance that the loads of now leave over, at least 1; left: that share. Taken for as many data
- * their errors are loads beyond doubt, which bend the organ as a whole: 1 mm of noise without any motion moved a liver
- * that is seen from above by 2.1 mm on the mean, from a start that was 0.8 mm off. 0: the gauss cannot be solved. */
+ * the share of their variance that the loads of now leave over, at least 1; left: that share. Less is left where loads
+ * fit what is no motion, more where the motion is longer than one round goes: neither tells of the data, so it has
+ * bounds. Taken for as many data errors are loads beyond doubt, which bend the organ as a whole: 1 mm of noise without
+ * any motion moved a liver that is seen from above by 2.1 mm on the mean, from a start that was 0.8 mm off. 0: the
+ * gauss cannot be solved. */
 static int regi_infer_count_alike(reg_infer *f)
 {
+    const double least = 0.2, most = 0.6;
     const regi_gauss *g = &f->gauss;
     double reach = REGI_INFER_ALIKE * f->model->spacing, gap = (double)f->spacing, sum = 0;
     int count = 0;
@@ -13145,7 +13148,7 @@ static int regi_infer_count_alike(reg_infer *f)
         return 0;
     for (; count < g->count && f->patch_of[count] >= 0; count++)
         sum += g->variance[count] * g->multiplier[count] * g->multiplier[count];
-    f->left = count > 0 ? sum / count : 1;
+    f->left = sum < least * count ? least : sum > most * count ? most : sum / count;
     f->alike = gap > 0 ? 3.141592653589793 * reach * reach / (gap * gap) * f->left : 1;
     f->alike = f->alike > 1 ? f->alike : 1;
     return 1;
@@ -13459,7 +13462,8 @@ REGI_API sb_result regi_infer_round(reg_infer *f, int round, sb_error *error)
 
 /* Views of less of the surface than this are small. */
 #define REGI_INFER_SMALL 0.15
-/* See regi_infer_sure. Of 0.5 to 4 the least with which none of 16 views from above was above 1.1 times its start. */
+/* See regi_infer_sure: 2 to 4 do about as well on the views of tests/bench/registration.md; with more of it whole
+ * surfaces lose. */
 #define REGI_INFER_DOUBT 3
 /* See regi_infer_widen. */
 #define REGI_INFER_LEAST_MOTION 0.005
@@ -13701,9 +13705,10 @@ static int regi_infer_widen(reg_infer *f)
     return regi_gauss_solve(g);
 }
 
-/* The share of the way that pays: M^2 / (M^2 + DOUBT left E^2) for one of M that is unsure by E, root mean squares over
- * the nodes, and what is left over of the data's variance, which E follows. increment: the way. Landmarks speak for the
- * elastic shape. */
+/* The share of the way that pays: M^2 / (M^2 + D E^2) for one of M that is unsure by E, root mean squares over the
+ * nodes. D grows with what is left over of the data's variance and with how many of them are off alike: data, model and
+ * prior are wrong in ways that draws from them do not have. increment: the way. Landmarks speak for the elastic shape.
+ */
 static sb_real regi_infer_sure(const reg_infer *f)
 {
     double way = 0, doubt = 0, alpha = regi_infer_alpha(f->quality.seen);
@@ -13713,7 +13718,7 @@ static sb_real regi_infer_sure(const reg_infer *f)
         way += (double)sb_v3_dot(f->increment[i], f->increment[i]);
     for (size_t k = 0; k < (size_t)REG_INFER_DRAWS * (size_t)f->node_count; k++)
         doubt += (double)sb_v3_dot(f->errors[k], f->errors[k]) / (alpha * alpha * REG_INFER_DRAWS);
-    return way > 0 ? (sb_real)(way / (way + REGI_INFER_DOUBT * f->left * doubt)) : 1;
+    return way > 0 ? (sb_real)(way / (way + REGI_INFER_DOUBT * f->left * sqrt(f->alike) * doubt)) : 1;
 }
 
 /* How much of the way from the start to the elastic shape is believed. Small views tell hardly more than a pose: half
