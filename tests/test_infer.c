@@ -366,6 +366,83 @@ static void test_small_views(void)
     free_organ(&o);
 }
 
+/* ---- noise and a horn ---- */
+
+/* Draws a horn out of an outline, `length` times as far from the middle as the surface is there. */
+static void draw_horn(sb_mesh *outline, sb_vec3 direction, double length)
+{
+    for (int i = 0; i < outline->node_count; i++) {
+        sb_vec3 *x = outline->nodes + i;
+        double along = (double)sb_v3_dot(*x, direction) / (double)sb_v3_norm(*x);
+        *x = sb_v3_scale(REAL(1 + length * exp((along - 1) / 0.02)), *x);
+    }
+}
+
+/* An organ with a horn, which did not move. */
+static int make_horned(organ *o, unsigned long long seed)
+{
+    reg_model_def def = reg_default_model_def();
+    unsigned long long same = seed;
+    sb_vec3 low, high, down = sb_v3(REAL(0.6), 0, REAL(-0.8));
+    memset(o, 0, sizeof *o);
+    o->seen = make_outline(&same, 25);
+    o->outline = make_outline(&seed, 21);
+    draw_horn(&o->seen, down, 1.2);
+    draw_horn(&o->outline, down, 1.2);
+    sb_mesh_bounds(&o->outline, &low, &high);
+    o->size = (double)sb_v3_norm(sb_v3_sub(high, low));
+    def.mesh = &o->coarse;
+    def.surface = &o->outline;
+    if (!fill(&o->outline, 0.06 * o->size, SB_TET4, &o->fine) ||
+        !fill(&o->outline, 0.045 * o->size, SB_TET4, &o->coarse))
+        return 0;
+    o->truth = (sb_vec3 *)calloc((size_t)o->fine.node_count, sizeof(sb_vec3));
+    return CHECK_OK(reg_model_create(&def, &o->model, NULL));
+}
+
+/* What a scanner sees, with 0.004 of the size of noise, cleaned as applications do. What smoothing leaves of noise is
+ * alike over neighbours. */
+static void add_noise(const organ *o, sb_mesh *part, unsigned long long *seed)
+{
+    for (int i = 0; i < part->node_count; i++) {
+        double far = 0;
+        for (int k = 0; k < 12; k++)
+            far += check_random_in(seed, -0.5, 0.5);
+        part->nodes[i] = sb_v3_madd(part->nodes[i], REAL(0.004 * o->size * far), random_direction(seed));
+    }
+    CHECK_OK(reg_cloud_smooth_mesh(part, NULL, NULL, NULL));
+}
+
+/* Of an organ that did not move noise moves no more than the rigid start, and a horn that is not seen stays where it is
+ * to the errors to expect, which are no more than the organ is wide. */
+static void test_still(void)
+{
+    int organs = check_quick() ? 1 : 3;
+    for (int k = 0; k < organs; k++) {
+        unsigned long long seed = 7 + (unsigned long long)k;
+        organ o;
+        if (make_horned(&o, 50 + 3 * (unsigned long long)k)) {
+            sb_mesh part = part_of(&o, sb_v3(0, 0, 1), 0.6);
+            reg_infer_def def = def_of(&o, &part);
+            reg_infer *infer = NULL;
+            reg_quality quality;
+            double error, expected, covered, motion;
+            def.samples = 300;
+            add_noise(&o, &part, &seed);
+            motion = start_of(&o, &part, 1, &def.start);
+            if (CHECK_OK(reg_infer_run(&def, &infer, NULL)) && CHECK_OK(reg_infer_get_quality(infer, &quality))) {
+                error = error_of(&o, infer, &expected, &covered);
+                CHECK(error < 1.1 * motion);
+                CHECK(quality.sure > 0 && quality.sure <= 1);
+                CHECK(quality.expected_worst < REAL(0.2 * o.size));
+            }
+            reg_infer_destroy(infer);
+            sb_mesh_free(&part);
+        }
+        free_organ(&o);
+    }
+}
+
 /* ---- a cantilever ---- */
 
 /* Where a slender cantilever of square section, length x height, is under a weight that moves its tip by `tip` (m),
@@ -696,6 +773,7 @@ static void test_memory(void)
     CHECK_OK(result);
 }
 
-CHECK_SUITE(infer, {"organs", test_organs}, {"small_views", test_small_views}, {"landmarks", test_landmarks},
-            {"cantilever", test_cantilever}, {"frames", test_frames}, {"threads", test_threads}, {"caps", test_caps},
-            {"refusals", test_refusals}, {"failing allocations", test_memory});
+CHECK_SUITE(infer, {"organs", test_organs}, {"small_views", test_small_views}, {"still", test_still},
+            {"landmarks", test_landmarks}, {"cantilever", test_cantilever}, {"frames", test_frames},
+            {"threads", test_threads}, {"caps", test_caps}, {"refusals", test_refusals},
+            {"failing allocations", test_memory});
