@@ -270,7 +270,7 @@ static sb_real regi_infer_sure(const reg_infer *f)
     for (int i = 0; i < f->node_count; i++)
         way += (double)sb_v3_dot(f->increment[i], f->increment[i]);
     for (size_t k = 0; k < (size_t)REG_INFER_DRAWS * (size_t)f->node_count; k++)
-        doubt += (double)sb_v3_dot(f->errors[k], f->errors[k]) / (alpha * alpha * REG_INFER_DRAWS);
+        doubt += (double)sb_v3_dot(f->errors[k], f->errors[k]) / (alpha * alpha * (double)REG_INFER_DRAWS);
     return way > 0 ? (sb_real)(way / (way + REGI_INFER_DOUBT * f->left * sqrt(f->alike) * doubt)) : 1;
 }
 
