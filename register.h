@@ -1349,12 +1349,12 @@ REG_API int reg_model_node_count(const reg_model *model); /* 0 for NULL */
  * model's, kept aside while it was tuned (26 views of 30 %, with and without 1 mm of noise; 13 of 10 %; 13 whole), the
  * mean errors were 2.7 mm (start 4.9, reg_loads 3.6), 5.5 (6.2, 5.2) and 1.2 (3.4, 1.0): closer than reg_loads in 20 of
  * 26 and 4 of 13 views, never above 1.1 times the rigid start's error. Of the nodes 93 %, 90 % (views of 10 %) and 93 %
- * were within their regions of 95 %. From a whole surface reg_loads was closer in 10 of 13: take that. Beyond that
- * generator: in 14 cases of examples/insilico (prescribed motions of four kinds, whole and seen from above, models of
- * 100 and 280 nodes) errors were 0.55 times the start's (geometric mean), and above 1.1 times in 3: 1.4 where a dent is
- * narrower than a cell of the model, 1.1 where a wide push takes an eighth of the volume. 95 % of the nodes were within
- * their regions. reg_nicp was closer in 8 of them. Models of 120 to 175 nodes with a dent that they can resolve are
- * up to 1.65 times the start off (3 organs; 3.4 to 7 mm are expected there). Give the model some 2,000 nodes.
+ * were within their regions of 95 %. From a whole surface reg_loads was closer in 10 of 13: take that. (All that was
+ * measured when the answer went all of the way, see `sure`.) Beyond that generator: in 31 cases of examples/insilico
+ * with 0 to 2 mm of noise that nothing was tuned on (prescribed motions of four kinds on four organs) errors were 0.63
+ * (6 whole surfaces) and 0.83 (25 views from one side) times the start's in geometric mean, and above 1.1 times in one:
+ * 1.12. Give the model
+ * some 2,000 nodes.
  *
  * Sources: Rucker et al. 2013 and Heiselman et al. 2020 for responses to loads nobody knows; Matheron's rule for draws
  * (Wilson et al. 2021). */
@@ -1416,7 +1416,8 @@ REG_API void reg_infer_destroy(reg_infer *infer); /* NULL is fine; the model sta
 /* displacements[nodes] (m) of the model's nodes from rest to where they are in the target's frame. Where less than 15 %
  * of the surface is seen and no landmark was given, a tenth tells too little of the rest: the answer is then half the
  * way from the start to the elastic shape, or the start where loads explain no more than a pose does (quality.belief).
- * What is left of the way is in the errors to expect. */
+ * Without landmarks all answers stop short of the elastic shape by as much as it is unsure for how far from the start it
+ * is (quality.sure). What is left of the way is in the errors to expect. */
 REG_API sb_result reg_infer_displacements(const reg_infer *infer, sb_vec3 *displacements);
 /* forces[nodes] (N for a Young's modulus of 1000 Pa: they scale with it) that are found to act, weight included. */
 REG_API sb_result reg_infer_forces(const reg_infer *infer, sb_vec3 *forces);
