@@ -1353,8 +1353,7 @@ REG_API int reg_model_node_count(const reg_model *model); /* 0 for NULL */
  * measured when the answer went all of the way, see `sure`.) Beyond that generator: in 31 cases of examples/insilico
  * with 0 to 2 mm of noise that nothing was tuned on (prescribed motions of four kinds on four organs) errors were 0.63
  * (6 whole surfaces) and 0.83 (25 views from one side) times the start's in geometric mean, and above 1.1 times in one:
- * 1.12. Give the model
- * some 2,000 nodes.
+ * 1.12. Give the model some 2,000 nodes.
  *
  * Sources: Rucker et al. 2013 and Heiselman et al. 2020 for responses to loads nobody knows; Matheron's rule for draws
  * (Wilson et al. 2021). */
@@ -1416,8 +1415,8 @@ REG_API void reg_infer_destroy(reg_infer *infer); /* NULL is fine; the model sta
 /* displacements[nodes] (m) of the model's nodes from rest to where they are in the target's frame. Where less than 15 %
  * of the surface is seen and no landmark was given, a tenth tells too little of the rest: the answer is then half the
  * way from the start to the elastic shape, or the start where loads explain no more than a pose does (quality.belief).
- * Without landmarks all answers stop short of the elastic shape by as much as it is unsure for how far from the start it
- * is (quality.sure). What is left of the way is in the errors to expect. */
+ * Without landmarks all answers stop short of the elastic shape by as much as it is unsure for how far from the start
+ * it is (quality.sure). What is left of the way is in the errors to expect. */
 REG_API sb_result reg_infer_displacements(const reg_infer *infer, sb_vec3 *displacements);
 /* forces[nodes] (N for a Young's modulus of 1000 Pa: they scale with it) that are found to act, weight included. */
 REG_API sb_result reg_infer_forces(const reg_infer *infer, sb_vec3 *forces);
@@ -11832,6 +11831,7 @@ struct reg_model {
     sb_jobs jobs;
     sb_body *body;        /* neo-Hookean, whatever an application's body is: its tangent is right at strains of a
                            * tenth, where that of corotated bodies bends what is found of the loads */
+    sb_direct *direct;    /* the body's factor of now: one inference at a time */
     sb_mesh mesh;         /* at rest */
     sb_boundary boundary; /* of mesh, compact */
     regi_prior prior;
@@ -11848,7 +11848,7 @@ struct reg_model {
 };
 
 /* ---- model_calm ---- */
-/* The prior's calm, of the body at rest. The factor's errors, SB_ERROR_MEMORY. */
+/* Makes `direct`, and the prior's calm, of the body at rest. The factor's errors, SB_ERROR_MEMORY. */
 REGI_API sb_result regi_model_find_calm(reg_model *model, sb_error *error);
 
 #endif /* REG_MODEL_PRIVATE_H */
@@ -12001,6 +12001,7 @@ REG_API void reg_model_destroy(reg_model *model)
     sb_boundary_free(&model->boundary);
     sb_domain_free(&model->domain);
     sb_mesh_free(&model->mesh);
+    sb_direct_free(model->direct);
     sb_body_destroy(model->body);
     sbi_free(&allocator, model);
 }
@@ -12232,10 +12233,10 @@ REGI_API sb_result regi_model_find_calm(reg_model *model, sb_error *error)
     arena.used = 0;
     regi_calm_layout(&calm, model, &arena);
     calm.response.model = model;
-    result = sbi_body_make_factor(model->body, &model->allocator, &calm.response.direct, error);
+    result = sbi_body_make_factor(model->body, &model->allocator, &model->direct, error);
+    calm.response.direct = model->direct;
     if (result == SB_OK)
         result = regi_calm_find(&calm, model, error);
-    sb_direct_free(calm.response.direct);
     sbi_free(&model->allocator, memory);
     return result;
 }
@@ -14098,8 +14099,7 @@ static sb_result regi_infer_allocate(reg_infer *f, sb_error *error)
     arena.used = 0;
     regi_infer_layout(f, &arena);
     result = regi_gauss_create(most, f->loads, &f->allocator, &f->gauss, error);
-    if (result == SB_OK)
-        result = sbi_body_make_factor(f->model->body, &f->allocator, &f->response.direct, error);
+    f->response.direct = f->model->direct;
     return result;
 }
 
@@ -14249,7 +14249,6 @@ REG_API void reg_infer_destroy(reg_infer *infer)
     allocator = infer->allocator;
     sb_embedding_rows_free(&infer->marks);
     sbi_between_free(infer->between);
-    sb_direct_free(infer->response.direct);
     regi_gauss_free(&infer->gauss);
     sbi_free(&allocator, infer->memory);
     sbi_free(&allocator, infer);

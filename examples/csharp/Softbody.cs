@@ -6635,8 +6635,8 @@ public static unsafe class Native
     /// displacements[nodes] (m) of the model's nodes from rest to where they are in the target's frame. Where less than 15 %
     /// of the surface is seen and no landmark was given, a tenth tells too little of the rest: the answer is then half the
     /// way from the start to the elastic shape, or the start where loads explain no more than a pose does (quality.belief).
-    /// Without landmarks all answers stop short of the elastic shape by as much as it is unsure for how far from the start it
-    /// is (quality.sure). What is left of the way is in the errors to expect.
+    /// Without landmarks all answers stop short of the elastic shape by as much as it is unsure for how far from the start
+    /// it is (quality.sure). What is left of the way is in the errors to expect.
     /// </summary>
     [DllImport(Library, CallingConvention = CallingConvention.Cdecl)]
     public static extern sb_result reg_infer_displacements(reg_infer* infer, sb_vec3* displacements);

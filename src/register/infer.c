@@ -201,8 +201,7 @@ static sb_result regi_infer_allocate(reg_infer *f, sb_error *error)
     arena.used = 0;
     regi_infer_layout(f, &arena);
     result = regi_gauss_create(most, f->loads, &f->allocator, &f->gauss, error);
-    if (result == SB_OK)
-        result = sbi_body_make_factor(f->model->body, &f->allocator, &f->response.direct, error);
+    f->response.direct = f->model->direct;
     return result;
 }
 
@@ -352,7 +351,6 @@ REG_API void reg_infer_destroy(reg_infer *infer)
     allocator = infer->allocator;
     sb_embedding_rows_free(&infer->marks);
     sbi_between_free(infer->between);
-    sb_direct_free(infer->response.direct);
     regi_gauss_free(&infer->gauss);
     sbi_free(&allocator, infer->memory);
     sbi_free(&allocator, infer);

@@ -31,8 +31,7 @@
  * measured when the answer went all of the way, see `sure`.) Beyond that generator: in 31 cases of examples/insilico
  * with 0 to 2 mm of noise that nothing was tuned on (prescribed motions of four kinds on four organs) errors were 0.63
  * (6 whole surfaces) and 0.83 (25 views from one side) times the start's in geometric mean, and above 1.1 times in one:
- * 1.12. Give the model
- * some 2,000 nodes.
+ * 1.12. Give the model some 2,000 nodes.
  *
  * Sources: Rucker et al. 2013 and Heiselman et al. 2020 for responses to loads nobody knows; Matheron's rule for draws
  * (Wilson et al. 2021). */
@@ -96,8 +95,8 @@ REG_API void reg_infer_destroy(reg_infer *infer); /* NULL is fine; the model sta
 /* displacements[nodes] (m) of the model's nodes from rest to where they are in the target's frame. Where less than 15 %
  * of the surface is seen and no landmark was given, a tenth tells too little of the rest: the answer is then half the
  * way from the start to the elastic shape, or the start where loads explain no more than a pose does (quality.belief).
- * Without landmarks all answers stop short of the elastic shape by as much as it is unsure for how far from the start it
- * is (quality.sure). What is left of the way is in the errors to expect. */
+ * Without landmarks all answers stop short of the elastic shape by as much as it is unsure for how far from the start
+ * it is (quality.sure). What is left of the way is in the errors to expect. */
 REG_API sb_result reg_infer_displacements(const reg_infer *infer, sb_vec3 *displacements);
 /* forces[nodes] (N for a Young's modulus of 1000 Pa: they scale with it) that are found to act, weight included. */
 REG_API sb_result reg_infer_forces(const reg_infer *infer, sb_vec3 *forces);

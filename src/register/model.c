@@ -147,6 +147,7 @@ REG_API void reg_model_destroy(reg_model *model)
     sb_boundary_free(&model->boundary);
     sb_domain_free(&model->domain);
     sb_mesh_free(&model->mesh);
+    sb_direct_free(model->direct);
     sb_body_destroy(model->body);
     sbi_free(&allocator, model);
 }

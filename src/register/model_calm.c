@@ -99,10 +99,10 @@ REGI_API sb_result regi_model_find_calm(reg_model *model, sb_error *error)
     arena.used = 0;
     regi_calm_layout(&calm, model, &arena);
     calm.response.model = model;
-    result = sbi_body_make_factor(model->body, &model->allocator, &calm.response.direct, error);
+    result = sbi_body_make_factor(model->body, &model->allocator, &model->direct, error);
+    calm.response.direct = model->direct;
     if (result == SB_OK)
         result = regi_calm_find(&calm, model, error);
-    sb_direct_free(calm.response.direct);
     sbi_free(&model->allocator, memory);
     return result;
 }

@@ -5,6 +5,7 @@
 #include "../softbody/body/body_guest.h"
 #include "../softbody/geometry/embed.h"
 #include "../softbody/geometry/surface.h"
+#include "../softbody/solve/direct.h"
 #include "model.h"
 #include "prior.h"
 
@@ -16,6 +17,7 @@ struct reg_model {
     sb_jobs jobs;
     sb_body *body;        /* neo-Hookean, whatever an application's body is: its tangent is right at strains of a
                            * tenth, where that of corotated bodies bends what is found of the loads */
+    sb_direct *direct;    /* the body's factor of now: one inference at a time */
     sb_mesh mesh;         /* at rest */
     sb_boundary boundary; /* of mesh, compact */
     regi_prior prior;
@@ -32,7 +34,7 @@ struct reg_model {
 };
 
 /* ---- model_calm ---- */
-/* The prior's calm, of the body at rest. The factor's errors, SB_ERROR_MEMORY. */
+/* Makes `direct`, and the prior's calm, of the body at rest. The factor's errors, SB_ERROR_MEMORY. */
 REGI_API sb_result regi_model_find_calm(reg_model *model, sb_error *error);
 
 #endif /* REG_MODEL_PRIVATE_H */
