@@ -12544,7 +12544,7 @@ struct reg_infer {
     double next[REGI_GAUSS_POSES];   /* found in this round; the offset last (m) */
     sb_real spacing;                 /* m: of the patches */
     double alike;                    /* patches that count as one, >= 1 */
-    double left;                     /* mean square of the patches' residuals over their deviations */
+    double left;                     /* the same before that bound */
     double temper;                   /* share of the evidence that counts, (0, 1] */
 };
 
@@ -13135,11 +13135,11 @@ static double regi_infer_find_temper(const reg_infer *f)
 }
 
 /* alike: how many patches are off alike, as those are that one facet, rim or smoothed stretch of noise is under, times
- * the share of their variance that the loads of now leave over, at least 1; left: that share. Less is left where loads
- * fit what is no motion, more where the motion is longer than one round goes: neither tells of the data, so it has
- * bounds. Taken for as many data errors are loads beyond doubt, which bend the organ as a whole: 1 mm of noise without
- * any motion moved a liver that is seen from above by 2.1 mm on the mean, from a start that was 0.8 mm off. 0: the
- * gauss cannot be solved. */
+ * the share of their variance that the loads of now leave over, at least 1; left: the same without that bound. Less is
+ * left where loads fit what is no motion, more where the motion is longer than one round goes: neither tells of the
+ * data, so it has bounds. Taken for as many data errors are loads beyond doubt, which bend the organ as a whole: 1 mm
+ * of noise without any motion moved a liver that is seen from above by 2.1 mm on the mean, from a start that was 0.8 mm
+ * off. 0: the gauss cannot be solved. */
 static int regi_infer_count_alike(reg_infer *f)
 {
     const double least = 0.2, most = 0.6;
@@ -13151,8 +13151,8 @@ static int regi_infer_count_alike(reg_infer *f)
     for (; count < g->count && f->patch_of[count] >= 0; count++)
         sum += g->variance[count] * g->multiplier[count] * g->multiplier[count];
     f->left = sum < least * count ? least : sum > most * count ? most : sum / count;
-    f->alike = gap > 0 ? 3.141592653589793 * reach * reach / (gap * gap) * f->left : 1;
-    f->alike = f->alike > 1 ? f->alike : 1;
+    f->left *= gap > 0 ? 3.141592653589793 * reach * reach / (gap * gap) : 1;
+    f->alike = f->left > 1 ? f->left : 1;
     return 1;
 }
 
@@ -13464,9 +13464,8 @@ REGI_API sb_result regi_infer_round(reg_infer *f, int round, sb_error *error)
 
 /* Views of less of the surface than this are small. */
 #define REGI_INFER_SMALL 0.15
-/* See regi_infer_sure: 2 to 4 do about as well on the views of tests/bench/registration.md; with more of it whole
- * surfaces lose. */
-#define REGI_INFER_DOUBT 3
+/* See regi_infer_sure. With less, whole organs are farther off than their start; with more, good answers lose. */
+#define REGI_INFER_DOUBT 0.75
 /* See regi_infer_widen. */
 #define REGI_INFER_LEAST_MOTION 0.005
 
@@ -13707,10 +13706,10 @@ static int regi_infer_widen(reg_infer *f)
     return regi_gauss_solve(g);
 }
 
-/* The share of the way that pays: M^2 / (M^2 + D E^2) for one of M that is unsure by E, root mean squares over the
- * nodes. D grows with what is left over of the data's variance and with how many of them are off alike: data, model and
- * prior are wrong in ways that draws from them do not have. increment: the way. Landmarks speak for the elastic shape.
- */
+/* The share of the way that pays: M^3 / (M^3 + (D E^2)^1.5) for one of M that is unsure by E, root mean squares over
+ * the nodes. D grows with what is left over of the data's variance and with how many of them are off alike: data, model
+ * and prior are wrong in ways that draws from them do not have. increment: the way. Landmarks speak for the elastic
+ * shape. */
 static sb_real regi_infer_sure(const reg_infer *f)
 {
     double way = 0, doubt = 0, alpha = regi_infer_alpha(f->quality.seen);
@@ -13720,7 +13719,8 @@ static sb_real regi_infer_sure(const reg_infer *f)
         way += (double)sb_v3_dot(f->increment[i], f->increment[i]);
     for (size_t k = 0; k < (size_t)REG_INFER_DRAWS * (size_t)f->node_count; k++)
         doubt += (double)sb_v3_dot(f->errors[k], f->errors[k]) / (alpha * alpha * (double)REG_INFER_DRAWS);
-    return way > 0 ? (sb_real)(way / (way + REGI_INFER_DOUBT * f->left * sqrt(f->alike) * doubt)) : 1;
+    doubt *= REGI_INFER_DOUBT * f->left;
+    return way > 0 ? (sb_real)(way * sqrt(way) / (way * sqrt(way) + doubt * sqrt(doubt))) : 1;
 }
 
 /* How much of the way from the start to the elastic shape is believed. Small views tell hardly more than a pose: half

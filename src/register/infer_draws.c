@@ -15,9 +15,8 @@
 
 /* Views of less of the surface than this are small. */
 #define REGI_INFER_SMALL 0.15
-/* See regi_infer_sure: 2 to 4 do about as well on the views of tests/bench/registration.md; with more of it whole
- * surfaces lose. */
-#define REGI_INFER_DOUBT 3
+/* See regi_infer_sure. With less, whole organs are farther off than their start; with more, good answers lose. */
+#define REGI_INFER_DOUBT 0.75
 /* See regi_infer_widen. */
 #define REGI_INFER_LEAST_MOTION 0.005
 
@@ -258,10 +257,10 @@ static int regi_infer_widen(reg_infer *f)
     return regi_gauss_solve(g);
 }
 
-/* The share of the way that pays: M^2 / (M^2 + D E^2) for one of M that is unsure by E, root mean squares over the
- * nodes. D grows with what is left over of the data's variance and with how many of them are off alike: data, model and
- * prior are wrong in ways that draws from them do not have. increment: the way. Landmarks speak for the elastic shape.
- */
+/* The share of the way that pays: M^3 / (M^3 + (D E^2)^1.5) for one of M that is unsure by E, root mean squares over
+ * the nodes. D grows with what is left over of the data's variance and with how many of them are off alike: data, model
+ * and prior are wrong in ways that draws from them do not have. increment: the way. Landmarks speak for the elastic
+ * shape. */
 static sb_real regi_infer_sure(const reg_infer *f)
 {
     double way = 0, doubt = 0, alpha = regi_infer_alpha(f->quality.seen);
@@ -271,7 +270,8 @@ static sb_real regi_infer_sure(const reg_infer *f)
         way += (double)sb_v3_dot(f->increment[i], f->increment[i]);
     for (size_t k = 0; k < (size_t)REG_INFER_DRAWS * (size_t)f->node_count; k++)
         doubt += (double)sb_v3_dot(f->errors[k], f->errors[k]) / (alpha * alpha * (double)REG_INFER_DRAWS);
-    return way > 0 ? (sb_real)(way / (way + REGI_INFER_DOUBT * f->left * sqrt(f->alike) * doubt)) : 1;
+    doubt *= REGI_INFER_DOUBT * f->left;
+    return way > 0 ? (sb_real)(way * sqrt(way) / (way * sqrt(way) + doubt * sqrt(doubt))) : 1;
 }
 
 /* How much of the way from the start to the elastic shape is believed. Small views tell hardly more than a pose: half

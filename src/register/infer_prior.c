@@ -340,11 +340,11 @@ static double regi_infer_find_temper(const reg_infer *f)
 }
 
 /* alike: how many patches are off alike, as those are that one facet, rim or smoothed stretch of noise is under, times
- * the share of their variance that the loads of now leave over, at least 1; left: that share. Less is left where loads
- * fit what is no motion, more where the motion is longer than one round goes: neither tells of the data, so it has
- * bounds. Taken for as many data errors are loads beyond doubt, which bend the organ as a whole: 1 mm of noise without
- * any motion moved a liver that is seen from above by 2.1 mm on the mean, from a start that was 0.8 mm off. 0: the
- * gauss cannot be solved. */
+ * the share of their variance that the loads of now leave over, at least 1; left: the same without that bound. Less is
+ * left where loads fit what is no motion, more where the motion is longer than one round goes: neither tells of the
+ * data, so it has bounds. Taken for as many data errors are loads beyond doubt, which bend the organ as a whole: 1 mm
+ * of noise without any motion moved a liver that is seen from above by 2.1 mm on the mean, from a start that was 0.8 mm
+ * off. 0: the gauss cannot be solved. */
 static int regi_infer_count_alike(reg_infer *f)
 {
     const double least = 0.2, most = 0.6;
@@ -356,8 +356,8 @@ static int regi_infer_count_alike(reg_infer *f)
     for (; count < g->count && f->patch_of[count] >= 0; count++)
         sum += g->variance[count] * g->multiplier[count] * g->multiplier[count];
     f->left = sum < least * count ? least : sum > most * count ? most : sum / count;
-    f->alike = gap > 0 ? 3.141592653589793 * reach * reach / (gap * gap) * f->left : 1;
-    f->alike = f->alike > 1 ? f->alike : 1;
+    f->left *= gap > 0 ? 3.141592653589793 * reach * reach / (gap * gap) : 1;
+    f->alike = f->left > 1 ? f->left : 1;
     return 1;
 }
 

@@ -79,7 +79,7 @@ struct reg_infer {
     double next[REGI_GAUSS_POSES];   /* found in this round; the offset last (m) */
     sb_real spacing;                 /* m: of the patches */
     double alike;                    /* patches that count as one, >= 1 */
-    double left;                     /* mean square of the patches' residuals over their deviations */
+    double left;                     /* the same before that bound */
     double temper;                   /* share of the evidence that counts, (0, 1] */
 };
 
