@@ -89,6 +89,9 @@ typedef struct world {
     sb_measurement measurement;
     sb_identify_def identify_def;
     sb_body *still; /* at an equilibrium */
+    sb_body *hung;  /* with a free rigid body */
+    sb_rigid_def rigid_def;
+    int rigid;
     sb_shape solid;
     sb_mapping rows_of_two;
     sb_body_def body_def;
@@ -485,6 +488,30 @@ static sb_body *world_still(world *w)
     scene_fix_plane(w->still, world_mesh(w), 0, 0, SB_XYZ);
     CHECK_OK(sb_body_solve_static(w->still, &options, NULL));
     return w->still;
+}
+
+static const int world_hung_nodes[2] = {25, 26};
+
+static sb_rigid_def *world_rigid_def(world *w)
+{
+    w->rigid_def = sb_default_rigid_def();
+    w->rigid_def.mass = 1;
+    w->rigid_def.inertia = sb_m3_identity();
+    w->rigid_def.nodes = world_hung_nodes;
+    w->rigid_def.node_count = 2;
+    return &w->rigid_def;
+}
+
+static sb_body *world_hung(world *w)
+{
+    sb_body_def def = *world_body_def(w);
+    if (w->hung)
+        return w->hung;
+    CHECK_OK(sb_body_create(&def, &w->hung, NULL));
+    scene_fix_plane(w->hung, world_mesh(w), 0, 0, SB_XYZ);
+    CHECK_OK(sb_body_add_rigid(w->hung, world_rigid_def(w), &w->rigid, NULL));
+    CHECK_OK(sb_body_step(w->hung, REAL(0.01), NULL));
+    return w->hung;
 }
 
 static sb_parameter *world_parameters(world *w)
@@ -1636,6 +1663,7 @@ static void world_free(world *w)
     sb_body_destroy(w->touched);
     sb_body_destroy(w->plain);
     sb_body_destroy(w->still);
+    sb_body_destroy(w->hung);
     sb_body_destroy(w->live);
     sb_body_destroy(w->idle);
     sb_body_destroy(w->body);

@@ -22,7 +22,7 @@ typedef struct actor {
     sb_body *body;
     reg_match *match; /* made before the recording; NULL where there are constraints */
     reg_nicp *nicp;
-    int free_nodes[2], pressure, springs, cable, membrane, cavity, open_cavity, mapping, constraint;
+    int free_nodes[2], pressure, springs, cable, membrane, cavity, open_cavity, mapping, constraint, rigid;
     void *state;
     size_t state_size;
     const char *path; /* of a state's file */
@@ -364,6 +364,33 @@ static sb_result act_cavity_volume(actor *a)
     sb_real volume;
     return sb_body_cavity_volume(a->body, a->cavity, &volume);
 }
+/* Explicit bodies have none, and refuse. */
+static sb_result act_add_rigid(actor *a)
+{
+    sb_rigid_def def = sb_default_rigid_def();
+    def.mass = 1;
+    def.inertia = sb_m3_scale(REAL(1e-4), sb_m3_identity());
+    def.centre = a->mesh.nodes[a->free_nodes[1]];
+    def.spin = sb_v3(1, 0, 2);
+    def.nodes = a->free_nodes + 1;
+    def.node_count = 1;
+    return a->how->integrator == SB_CENTRAL_DIFFERENCE ? SB_OK : sb_body_add_rigid(a->body, &def, &a->rigid, &a->error);
+}
+static sb_result act_load_rigid(actor *a)
+{
+    sb_result result = act_add_rigid(a);
+    if (result != SB_OK || a->how->integrator == SB_CENTRAL_DIFFERENCE)
+        return result;
+    return sb_body_set_rigid_load(a->body, a->rigid, sb_v3(0, 1, 0), sb_v3(0, 0, REAL(0.01)));
+}
+static sb_result act_remove_rigid(actor *a)
+{
+    sb_result result = act_add_rigid(a);
+    if (result != SB_OK || a->how->integrator == SB_CENTRAL_DIFFERENCE)
+        return result;
+    CHECK_OK(sb_body_step(a->body, REAL(0.002), NULL));
+    return sb_body_remove_rigid(a->body, a->rigid);
+}
 static sb_result act_add_mapping(actor *a)
 {
     int start[2] = {0, 2};
@@ -689,6 +716,9 @@ static const act acts[] = {
     {"sb_body_inject_cavity", act_inject, ACTOR_LOADED},
     {"sb_body_set_cavity_pressure", act_cavity_pressure, ACTOR_LOADED},
     {"sb_body_cavity_volume", act_cavity_volume, ACTOR_LOADED},
+    {"sb_body_add_rigid", act_add_rigid, ACTOR_PLAIN},
+    {"sb_body_set_rigid_load", act_load_rigid, ACTOR_PLAIN},
+    {"sb_body_remove_rigid", act_remove_rigid, ACTOR_PLAIN},
     {"sb_body_add_mapping", act_add_mapping, ACTOR_PLAIN},
     {"sb_body_set_mapping_targets", act_mapping_targets, ACTOR_LOADED},
     {"sb_body_set_mapping_stiffness", act_mapping_stiffness, ACTOR_LOADED},

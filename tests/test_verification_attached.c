@@ -1,4 +1,5 @@
-/* What bodies hang on, and what they are strained by: cables (ligaments, sutures), clamps moved by poses, prestress. */
+/* What bodies hang on, and what they are strained by: cables (ligaments, sutures), clamps moved by poses, rigid bodies
+ * with mass, prestress. */
 #include "verification_scene.h"
 
 static const double exact = 1e-8, young = 1e4;
@@ -203,6 +204,196 @@ static void test_shaft(void)
     }
 }
 
+/* ---- rigid bodies ---- */
+
+/* Nodes from x = low to x = high, to be freed. */
+static int *slab_nodes(const sb_mesh *mesh, double low, double high, int *count)
+{
+    int *nodes = (int *)malloc((size_t)mesh->node_count * sizeof(int));
+    *count = 0;
+    for (int i = 0; i < mesh->node_count && nodes; i++)
+        if ((double)mesh->nodes[i].x > low - 1e-6 && (double)mesh->nodes[i].x < high + 1e-6)
+            nodes[(*count)++] = i;
+    return nodes;
+}
+
+/* A body whose long steps of implicit Euler are equilibria. */
+static sb_body *resting_body(const sb_mesh *mesh, const verify_element *element, sb_material material)
+{
+    sb_body_def def = verify_def(mesh, element, material);
+    sb_body *body;
+    def.integrator = SB_EULER;
+    def.max_newton = 1;
+    def.tolerance = REAL(SB_REAL_IS_FLOAT ? 1e-5 : 1e-12);
+    def.max_iterations = 20000;
+    body = scene_body(&def);
+    scene_fix_plane(body, mesh, 0, 0, SB_XYZ);
+    return body;
+}
+
+static void rest(sb_body *body)
+{
+    for (int i = 0; i < 6; i++)
+        CHECK_OK(sb_body_step(body, REAL(1e6), NULL));
+}
+
+static int add_rigid(sb_body *body, const sb_mesh *mesh, double low, double high, double mass, double inertia,
+                     sb_vec3 centre)
+{
+    sb_rigid_def def = sb_default_rigid_def();
+    int id = 0, *nodes = slab_nodes(mesh, low, high, &def.node_count);
+    def.mass = REAL(mass);
+    def.inertia = sb_m3_scale(REAL(inertia), sb_m3_identity());
+    def.centre = centre;
+    def.nodes = nodes;
+    CHECK_OK(sb_body_add_rigid(body, &def, &id, NULL));
+    free(nodes);
+    return id;
+}
+
+/* A cantilever whose middle third is rigid, with a load across at its end. Timoshenko's beam: of each elastic part what
+ * bends and shears under the load and its moment. */
+static void test_plate(void)
+{
+    static const char *const names[] = {"tet10", "hex20", "hex27"};
+    const double length = 0.9, height = 0.06, load = 1e-7, a = 0.3, b = 0.6;
+    if (SB_REAL_IS_FLOAT) {
+        CHECK_SKIP("forces far smaller than their parts need double");
+        return;
+    }
+    for (int k = 0; k < 3; k++) {
+        const verify_element *element = verify_element_named(names[k]);
+        sb_mesh mesh = scene_box(element->type, 18, 1, 1, sb_v3(REAL(length), REAL(height), REAL(height)), 0);
+        sb_body *body = resting_body(&mesh, element, sb_material_linear(REAL(young), 0, 1));
+        double inertia = pow(height, 4) / 12, area = height * height, across = 0, moved = 0;
+        double wanted = load / (3 * young * inertia) * (pow(length, 3) - pow(length - a, 3) + pow(length - b, 3)) +
+                        load * (a + length - b) / (5.0 / 6 * young / 2 * area);
+        sb_rigid_motion motion;
+        int id = add_rigid(body, &mesh, a, b, 1e-3, 1e-6, sb_v3(REAL(length / 2), REAL(height / 2), REAL(height / 2)));
+        int count, *end = slab_nodes(&mesh, length, length, &count);
+        sb_vec3 force = sb_v3(0, 0, REAL(load / count));
+        CHECK_OK(sb_body_apply_forces(body, end, count, &force, 1, NULL));
+        rest(body);
+        CHECK_OK(sb_body_rigid_motion(body, id, &motion));
+        for (int i = 0; i < count; i++)
+            moved += (double)sb_body_displacements(body)[end[i]].z / count;
+        for (int i = 0; i < mesh.node_count; i++)
+            across += (double)sb_body_reactions(body)[i].z;
+        verify("cantilever with a rigid middle third", names[k], "Timoshenko beam", "deflection of its end (m)", wanted,
+               moved, 0.02);
+        verify("cantilever with a rigid middle third", names[k], "balance", "reaction of the clamp (N)", -load, across,
+               exact);
+        verify("cantilever with a rigid middle third", names[k], "balance", "force on the rigid body / load", 0,
+               (double)sb_v3_norm(motion.force) / load, exact);
+        free(end);
+        verify_free(body, &mesh);
+    }
+}
+
+/* A weight at the end of a bar of nu 0 that weighs next to nothing: stretch m g L / (E A), and its frequency, by
+ * Newmark's scheme: 2/dt atan(w dt/2) of w tan(w L/c) = c rho A / m. */
+static void test_weight(void)
+{
+    static const char *const names[] = {"hex8", "hex20", "tet4"};
+    for (int k = 0; k < 3; k++) {
+        const verify_element *element = verify_element_named(names[k]);
+        const double length = 0.6, side = 0.1, mass = 2, density = 2, gravity = 0.05;
+        double area = side * side, ratio = density * area * length / mass, beta = sqrt(ratio), omega, dt;
+        double first = -1, last = -1, before = 0, stretch = mass * gravity * length / (young * area) * (1 + ratio / 2);
+        int periods = -1;
+        sb_mesh mesh = scene_box(element->type, 12, 1, 1, sb_v3(REAL(length), REAL(side), REAL(side)), 0);
+        sb_vec3 centre = sb_v3(REAL(length), REAL(side / 2), REAL(side / 2));
+        sb_material material = sb_material_linear(REAL(young), 0, REAL(density));
+        sb_body *body = resting_body(&mesh, element, material);
+        sb_body_def def = verify_def(&mesh, element, material);
+        sb_rigid_motion motion;
+        int id = add_rigid(body, &mesh, length, length, mass, 1, centre);
+        CHECK_OK(sb_body_set_gravity(body, sb_v3(REAL(gravity), 0, 0)));
+        rest(body);
+        CHECK_OK(sb_body_rigid_motion(body, id, &motion));
+        verify("weight on a bar", names[k], "m g L/(E A)", "stretch (m)", stretch, (double)motion.centre.x - length,
+               exact);
+        verify("weight on a bar", names[k], "balance", "force on the weight (N)", -mass * gravity,
+               (double)motion.force.x, exact);
+        sb_body_destroy(body);
+        def.integrator = SB_NEWMARK;
+        def.max_newton = 1;
+        def.tolerance = REAL(SB_REAL_IS_FLOAT ? 1e-5 : 1e-10);
+        body = scene_body(&def);
+        scene_fix_plane(body, &mesh, 0, 0, SB_XYZ);
+        id = add_rigid(body, &mesh, length, length, mass, 1, centre);
+        CHECK_OK(sb_body_set_gravity(body, sb_v3(REAL(gravity), 0, 0)));
+        for (int i = 0; i < 40; i++)
+            beta -= (beta * tan(beta) - ratio) / (tan(beta) + beta / (cos(beta) * cos(beta)));
+        omega = beta / length * sqrt(young / density);
+        dt = 2 * VERIFY_PI / omega / 60;
+        for (int i = 0; i < 640; i++) {
+            double now;
+            CHECK_OK(sb_body_step(body, REAL(dt), NULL));
+            CHECK_OK(sb_body_rigid_motion(body, id, &motion));
+            now = (double)motion.centre.x - length - stretch;
+            if (before < 0 && now >= 0) {
+                last = dt * (i - now / (now - before));
+                first = first < 0 ? last : first;
+                periods++;
+            }
+            before = now;
+        }
+        if (!SB_REAL_IS_FLOAT)
+            verify("weight on a bar", names[k], "w tan(w L/c) = c rho A/m, Newmark's 2/dt atan(w dt/2)",
+                   "frequency (rad/s)", 2 / dt * atan(omega * dt / 2), 2 * VERIFY_PI * periods / (last - first), 3e-4);
+        verify_free(body, &mesh);
+    }
+}
+
+/* A symmetric top that nothing acts on: R = exp(t L/A) R0 exp(t s (1 - C/A) e3). */
+static void test_top(void)
+{
+    static const sb_integrator kinds[] = {SB_EULER, SB_NEWMARK, SB_GENERALISED_ALPHA};
+    static const char *const names[] = {"implicit Euler", "Newmark", "generalised alpha"};
+    static const double bounds[] = {0.03, 4e-5, 6e-5};
+    const double across = 2e-3, along = 3.2e-3, spin = 20, tilt = 4, time = 0.5;
+    const int steps = 400;
+    for (int k = 0; k < 3; k++) {
+        const verify_element *element = verify_element_named("tet4");
+        sb_mesh mesh = scene_box(SB_TET4, 1, 1, 1, sb_v3(1, 1, 1), 0);
+        sb_body_def body_def = verify_def(&mesh, element, sb_material_corotated(REAL(young), 0, 1000));
+        sb_rigid_def def = sb_default_rigid_def();
+        sb_rigid_motion motion;
+        sb_quat wanted, off;
+        sb_vec3 whole, now;
+        sb_body *body;
+        int id = 0;
+        body_def.integrator = kinds[k];
+        body = scene_body(&body_def);
+        def.mass = 1;
+        def.inertia.m[0][0] = def.inertia.m[1][1] = REAL(across);
+        def.inertia.m[2][2] = REAL(along);
+        def.turn = sb_quat_normalise(sb_quat_make(3, 1, -1, 2));
+        def.spin = sb_quat_rotate(def.turn, sb_v3(REAL(tilt), 0, REAL(spin)));
+        CHECK_OK(sb_body_add_rigid(body, &def, &id, NULL));
+        for (int i = 0; i < steps; i++)
+            CHECK_OK(sb_body_step(body, REAL(time / steps), NULL));
+        CHECK_OK(sb_body_rigid_motion(body, id, &motion));
+        whole = sb_quat_rotate(def.turn, sb_v3(REAL(across * tilt), 0, REAL(along * spin)));
+        wanted = sb_quat_mul(
+            sb_quat_from_rotation_vector(sb_v3_scale(REAL(time / across), whole)),
+            sb_quat_mul(def.turn, sb_quat_from_rotation_vector(sb_v3(0, 0, REAL(time * spin * (1 - along / across))))));
+        off = sb_quat_mul(sb_quat_conjugate(wanted), motion.turn);
+        now = sb_quat_rotate(sb_quat_conjugate(motion.turn), motion.spin);
+        now = sb_quat_rotate(motion.turn, sb_v3(REAL(across) * now.x, REAL(across) * now.y, REAL(along) * now.z));
+        if (!SB_REAL_IS_FLOAT)
+            verify("top that spins by 10 rad and precesses, 400 steps", names[k], "exp(t L/A) R0 exp(t s (1 - C/A) e3)",
+                   "angle that it is off (rad)", 0, 2 * asin(fmin(1, (double)sb_v3_norm(sb_v3(off.x, off.y, off.z)))),
+                   bounds[k]);
+        if (k == 0)
+            verify("top that spins by 10 rad and precesses, 400 steps", names[k], "nothing acts on it",
+                   "change of its angular momentum / itself", 0,
+                   (double)(sb_v3_norm(sb_v3_sub(now, whole)) / sb_v3_norm(whole)), exact);
+        verify_free(body, &mesh);
+    }
+}
+
 /* ---- prestress ---- */
 
 /* Uniform prestretch in a block held all round, distorted within: it stays, and a side holds P(G) G^T / det G. */
@@ -284,4 +475,5 @@ static void test_relaxed(void)
 static void test_table(void) { verify_table("verification_attached"); }
 
 CHECK_SUITE(verification_attached, {"bobbing", test_bobbing}, {"pendulum", test_pendulum}, {"thread", test_thread},
-            {"shaft", test_shaft}, {"prestress", test_prestress}, {"relaxed", test_relaxed}, {"table", test_table});
+            {"shaft", test_shaft}, {"rigid plate", test_plate}, {"weight", test_weight}, {"top", test_top},
+            {"prestress", test_prestress}, {"relaxed", test_relaxed}, {"table", test_table});

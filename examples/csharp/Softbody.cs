@@ -1340,6 +1340,28 @@ public unsafe struct sb_cavity_def
     public fixed double table_pressure[16];
 }
 [StructLayout(LayoutKind.Sequential)]
+public unsafe struct sb_rigid_def
+{
+    public double mass;
+    public sb_mat3 inertia;
+    public sb_vec3 centre;
+    public sb_quat turn;
+    public sb_vec3 velocity;
+    public sb_vec3 spin;
+    public int* nodes;
+    public int node_count;
+}
+[StructLayout(LayoutKind.Sequential)]
+public unsafe struct sb_rigid_motion
+{
+    public sb_vec3 centre;
+    public sb_quat turn;
+    public sb_vec3 velocity;
+    public sb_vec3 spin;
+    public sb_vec3 force;
+    public sb_vec3 torque;
+}
+[StructLayout(LayoutKind.Sequential)]
 public unsafe struct sb_embedding_def
 {
     public sb_mesh* mesh;
@@ -2770,6 +2792,7 @@ public static unsafe class Native
     public const int SB_NODE_KEEP_Y = 4;
     public const int SB_NODE_KEEP_Z = 8;
     public const int SB_MAX_CAVITY_POINTS = 16;
+    public const int SB_MAX_RIGID = 96;
     public const int SB_TIE_CLOSE_GAPS = 1;
     public const int SB_TIE_ALL = 2;
     public const int SB_IDENTIFY_HIDDEN = 1;
@@ -4697,6 +4720,40 @@ public static unsafe class Native
     /// </summary>
     [DllImport(Library, CallingConvention = CallingConvention.Cdecl)]
     public static extern sb_result sb_body_cavity_pressure(sb_body* body, int load_id, double* pressure);
+    /// <summary>
+    /// mass 0 and inertia 0, to be set; turn the identity, the rest 0.
+    /// </summary>
+    [DllImport(Library, CallingConvention = CallingConvention.Cdecl)]
+    public static extern sb_rigid_def sb_default_rigid_def();
+    /// <summary>
+    /// Adds a rigid body that moves freely; *id (may be NULL) is its number, never used again by this body. The def is
+    /// copied; allocates, so that steps do not. Errors, with nothing added: SB_ERROR_ARGUMENT (NULL; a mass, an inertia or a
+    /// turn that is none; a node that is supported, in no element, the slave of a constraint, twice in the list or on
+    /// another rigid body: error-&gt;node), SB_ERROR_INDEX (error-&gt;node), SB_ERROR_NOT_FINITE, SB_ERROR_UNSUPPORTED (explicit
+    /// steps; more than SB_MAX_RIGID), SB_ERROR_MEMORY. Nodes that hang can neither be supported nor become slaves of
+    /// constraints (SB_ERROR_ARGUMENT); they may be masters.
+    /// </summary>
+    [DllImport(Library, CallingConvention = CallingConvention.Cdecl)]
+    public static extern sb_result sb_body_add_rigid(sb_body* body, sb_rigid_def* def, int* id, sb_error* error);
+    /// <summary>
+    /// What acts on it besides tissue and gravity, from the next step on until it is set again: a force (N) at its centre of
+    /// mass and a torque (N m), both in space. Allocates nothing. SB_ERROR_ARGUMENT, SB_ERROR_INDEX (no such rigid body),
+    /// SB_ERROR_NOT_FINITE.
+    /// </summary>
+    [DllImport(Library, CallingConvention = CallingConvention.Cdecl)]
+    public static extern sb_result sb_body_set_rigid_load(sb_body* body, int id, sb_vec3 force, sb_vec3 torque);
+    /// <summary>
+    /// SB_ERROR_ARGUMENT, SB_ERROR_INDEX leave *motion untouched.
+    /// </summary>
+    [DllImport(Library, CallingConvention = CallingConvention.Cdecl)]
+    public static extern sb_result sb_body_rigid_motion(sb_body* body, int id, sb_rigid_motion* motion);
+    /// <summary>
+    /// Takes it away; its nodes go on as they move. SB_ERROR_ARGUMENT, SB_ERROR_INDEX.
+    /// </summary>
+    [DllImport(Library, CallingConvention = CallingConvention.Cdecl)]
+    public static extern sb_result sb_body_remove_rigid(sb_body* body, int id);
+    [DllImport(Library, CallingConvention = CallingConvention.Cdecl)]
+    public static extern int sb_body_rigid_count(sb_body* body);
     [DllImport(Library, CallingConvention = CallingConvention.Cdecl)]
     public static extern sb_embedding_def sb_default_embedding_def();
     /// <summary>

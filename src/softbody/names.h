@@ -314,6 +314,12 @@
 #define sb_body_set_cavity_pressure sb_body_set_cavity_pressure_f32
 #define sb_body_cavity_volume sb_body_cavity_volume_f32
 #define sb_body_cavity_pressure sb_body_cavity_pressure_f32
+#define sb_default_rigid_def sb_default_rigid_def_f32
+#define sb_body_add_rigid sb_body_add_rigid_f32
+#define sb_body_set_rigid_load sb_body_set_rigid_load_f32
+#define sb_body_rigid_motion sb_body_rigid_motion_f32
+#define sb_body_remove_rigid sb_body_remove_rigid_f32
+#define sb_body_rigid_count sb_body_rigid_count_f32
 #define sb_default_embedding_def sb_default_embedding_def_f32
 #define sb_embedding_create sb_embedding_create_f32
 #define sb_embedding_destroy sb_embedding_destroy_f32

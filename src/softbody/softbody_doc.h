@@ -117,6 +117,8 @@
  *              moving points, mapped points drawn to targets, cables (sb_body_add_cable: ligaments, sutures) and
  *              membranes on faces (sb_body_add_membrane: capsules, walls) follow the body and have ids, as does what
  *              fills a hollow (sb_body_add_cavity: gas, liquid, a volume).
+ * rigid bodies bones, ribs, plates and clamps with mass, which nodes hang on and which move freely
+ *              (sb_body_add_rigid), their six unknowns solved with the nodes.
  * constraints  linear equations among displacements, exact: sb_body_add_constraint; sb_body_tie_faces glues meshes.
  * state        sb_body_state_save and _load: back to a moment, in memory or a file; what follows has the same bits.
  * sb_heat      temperatures in a body, perfused tissue that dies of them, and stiffness that follows: ablation.

@@ -187,6 +187,7 @@ SB_CAVITY_LIQUID = 2
 SB_CAVITY_VOLUME = 3
 SB_CAVITY_TABLE = 4
 SB_MAX_CAVITY_POINTS = 16
+SB_MAX_RIGID = 96
 SB_EMBED_SMOOTH = 0
 SB_EMBED_PLAIN = 1
 SB_EMBEDDED_INSIDE = 0
@@ -433,6 +434,8 @@ class sb_cable_def(Structure): pass
 class sb_membrane_def(Structure): pass
 class sb_membrane_state(Structure): pass
 class sb_cavity_def(Structure): pass
+class sb_rigid_def(Structure): pass
+class sb_rigid_motion(Structure): pass
 class sb_embedding_def(Structure): pass
 class sb_embedding(Structure): pass
 class sb_embedding_report(Structure): pass
@@ -1256,6 +1259,24 @@ sb_cavity_def._fields_ = [
     ("point_count", c_int),
     ("table_volume", c_double * 16),
     ("table_pressure", c_double * 16),
+]
+sb_rigid_def._fields_ = [
+    ("mass", c_double),
+    ("inertia", sb_mat3),
+    ("centre", sb_vec3),
+    ("turn", sb_quat),
+    ("velocity", sb_vec3),
+    ("spin", sb_vec3),
+    ("nodes", POINTER(c_int)),
+    ("node_count", c_int),
+]
+sb_rigid_motion._fields_ = [
+    ("centre", sb_vec3),
+    ("turn", sb_quat),
+    ("velocity", sb_vec3),
+    ("spin", sb_vec3),
+    ("force", sb_vec3),
+    ("torque", sb_vec3),
 ]
 sb_embedding_def._fields_ = [
     ("mesh", POINTER(sb_mesh)),
@@ -2717,6 +2738,12 @@ FUNCTIONS = {  # name: (what it returns, parameters)
     "sb_body_set_cavity_pressure": (c_int, (POINTER(sb_body), c_int, c_double, )),
     "sb_body_cavity_volume": (c_int, (POINTER(sb_body), c_int, POINTER(c_double), )),
     "sb_body_cavity_pressure": (c_int, (POINTER(sb_body), c_int, POINTER(c_double), )),
+    "sb_default_rigid_def": (sb_rigid_def, ()),
+    "sb_body_add_rigid": (c_int, (POINTER(sb_body), POINTER(sb_rigid_def), POINTER(c_int), POINTER(sb_error), )),
+    "sb_body_set_rigid_load": (c_int, (POINTER(sb_body), c_int, sb_vec3, sb_vec3, )),
+    "sb_body_rigid_motion": (c_int, (POINTER(sb_body), c_int, POINTER(sb_rigid_motion), )),
+    "sb_body_remove_rigid": (c_int, (POINTER(sb_body), c_int, )),
+    "sb_body_rigid_count": (c_int, (POINTER(sb_body), )),
     "sb_default_embedding_def": (sb_embedding_def, ()),
     "sb_embedding_create": (c_int, (POINTER(sb_embedding_def), POINTER(POINTER(sb_embedding)), POINTER(sb_error), )),
     "sb_embedding_destroy": (None, (POINTER(sb_embedding), )),
@@ -3292,6 +3319,11 @@ DOCUMENTATION = {
     'sb_body_set_cavity_pressure': 'Of SB_CAVITY_PRESSURE. SB_ERROR_INDEX, SB_ERROR_ARGUMENT (another kind), SB_ERROR_NOT_FINITE.',
     'sb_body_cavity_volume': 'Present volume (m^3), lids included. SB_ERROR_ARGUMENT, SB_ERROR_INDEX.',
     'sb_body_cavity_pressure': 'Pressure (Pa) in the last step or static solve; 0 before.',
+    'sb_default_rigid_def': 'mass 0 and inertia 0, to be set; turn the identity, the rest 0.',
+    'sb_body_add_rigid': 'Adds a rigid body that moves freely; *id (may be NULL) is its number, never used again by this body. The def is\ncopied; allocates, so that steps do not. Errors, with nothing added: SB_ERROR_ARGUMENT (NULL; a mass, an inertia or a\nturn that is none; a node that is supported, in no element, the slave of a constraint, twice in the list or on\nanother rigid body: error->node), SB_ERROR_INDEX (error->node), SB_ERROR_NOT_FINITE, SB_ERROR_UNSUPPORTED (explicit\nsteps; more than SB_MAX_RIGID), SB_ERROR_MEMORY. Nodes that hang can neither be supported nor become slaves of\nconstraints (SB_ERROR_ARGUMENT); they may be masters.',
+    'sb_body_set_rigid_load': 'What acts on it besides tissue and gravity, from the next step on until it is set again: a force (N) at its centre of\nmass and a torque (N m), both in space. Allocates nothing. SB_ERROR_ARGUMENT, SB_ERROR_INDEX (no such rigid body),\nSB_ERROR_NOT_FINITE.',
+    'sb_body_rigid_motion': 'SB_ERROR_ARGUMENT, SB_ERROR_INDEX leave *motion untouched.',
+    'sb_body_remove_rigid': 'Takes it away; its nodes go on as they move. SB_ERROR_ARGUMENT, SB_ERROR_INDEX.',
     'sb_embedding_create': 'Embeds points in a mesh. SB_ERROR_ARGUMENT (a field out of range, a point beyond max_distance: error->node),\nSB_ERROR_NOT_FINITE (error->node: the point), SB_ERROR_UNSUPPORTED for custom elements, what sb_mesh_validate says of\nthe mesh, SB_ERROR_INDEX for the surface, SB_ERROR_MEMORY; *embedding is then untouched. Copies what it keeps. About\n2 microseconds for each point of a tet mesh on one thread; the result does not depend on the threads. Release with\nsb_embedding_destroy.',
     'sb_embedding_update': "Where the points are when the nodes of the mesh are at node_positions (m), such as sb_body_positions(body):\npoints[point_count], and unless NULL unit normals[point_count]. node_positions: [node_count of\nsb_embedding_get_report], which is mesh.node_count, or the slots of the body that it follows. After a change of the\nbody's mesh (sb_body_change_commit), as needles make, the points are wrong unless the embedding follows it\n(sb_embedding_follow). Normals are\n- with a surface, of its deformed triangles (quads: corner triangles) around each point, weighted by area: those of\n  what is drawn. Zero for a point without triangles;\n- with def.normals, F^-T N of the embedding's deformation gradient F at the point: no neighbours needed, but it jumps\n  a little where F does, between elements.\nSB_ERROR_ARGUMENT for a NULL array, or normals without either source; nothing is written. Positions that are not\nfinite give points that are not. Output arrays must not overlap node_positions. Allocates nothing, but after a state\nwas loaded without memory for it (SB_ERROR_MEMORY, see sb_embedding_follow); the same bits for any number of threads;\none call at a time for each embedding. jobs: NULL for none.",
     'sb_embedding_forces': "Adds to node_forces[mesh.node_count] (N) the forces equivalent to point_forces[point_count] (N) at node_positions:\nthe exact transpose of sb_embedding_update's derivative, with the same net force and moment. What is said there of\nallocation, threads and errors holds.",

@@ -1,6 +1,7 @@
 /* body_arrays: a body's arrays, taken when it is made, carried over when its mesh changes, given back at its end. */
 #include "body_private.h"
 #include "live_private.h"
+#include "rigid_private.h"
 
 #include <string.h>
 
@@ -160,6 +161,7 @@ SBI_API void sbi_body_release(sb_body *body)
     allocator = body->allocator;
     for (int i = 0; i < body->load_count; i++)
         sbi_load_release(&allocator, body->loads + i);
+    sbi_rigids_free(&allocator, body->rigids);
     sbi_free(&allocator, body->tractions);
     sbi_free(&allocator, body->loads);
     sbi_free(&allocator, body->tie_gram);

@@ -6,6 +6,7 @@
 #include "../base/bytes.h"
 #include "live_private.h"
 #include "load.h"
+#include "rigid_private.h"
 #include "step_private.h"
 
 /* ---- readings ---- */
@@ -181,6 +182,7 @@ SBI_API int sbi_body_is_implicit(const sb_body *body) { return body->integrator 
 SBI_API sb_result sbi_body_reserve_guest(sb_body *body, int unknowns, int nodes, sb_error *error)
 {
     int rows = body->live ? sbi_body_node_slots(body).room : body->matrix.row_count;
+    sbi_rigids_count(body, &unknowns, &nodes);
     return sbi_pcg_reserve_guest_room(&body->pcg, &body->matrix, rows, unknowns, nodes, error);
 }
 
@@ -328,7 +330,9 @@ static sb_real sbi_body_hold_factor(const sb_body *body, sb_real hold)
 
 SBI_API sb_result sbi_body_factor(sb_body *b, sb_real hold, sb_vec3 *residual, sb_direct *factor, sb_error *error)
 {
-    sb_result result = sbi_body_current_force(b, error);
+    sb_result result = sbi_body_refuse_rigids(b, "registrations", error);
+    if (result == SB_OK)
+        result = sbi_body_current_force(b, error);
     if (result != SB_OK)
         return result;
     for (int i = 0; i < b->domain.node_count; i++)
@@ -356,7 +360,9 @@ SBI_API sb_result sbi_relax_begin(sb_body *body, sbi_potential *potential, sb_re
     step->linearised = 1;
     step->max_iterations = body->max_iterations;
     sbi_step_save(body);
-    result = sbi_potential_lend(body, potential, &info->error);
+    result = sbi_body_refuse_rigids(body, "registrations", &info->error);
+    if (result == SB_OK)
+        result = sbi_potential_lend(body, potential, &info->error);
     if (result != SB_OK) {
         step->done = 1; /* it was not lent */
         return result;

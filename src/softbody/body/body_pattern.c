@@ -2,6 +2,7 @@
 #include "body.h"
 #include "body_private.h"
 #include "live_private.h"
+#include "rigid_private.h"
 
 #include <string.h>
 
@@ -252,8 +253,13 @@ SBI_API sb_result sbi_body_extend_pattern(sb_body *body, int cell_count, const i
 {
     sbi_body_pattern pattern;
     sb_result result = sbi_body_make_pattern(body, cell_count, cell_start, cells, &pattern, error);
+    if (result == SB_OK && pattern.needed)
+        result = sbi_body_reserve_rigids(body, body->rigids,
+                                         pattern.elimination ? &pattern.elimination->matrix : &pattern.matrix, error);
     if (result == SB_OK)
         sbi_body_take_pattern(body, &pattern);
+    else
+        sbi_body_free_pattern(body, &pattern);
     return result;
 }
 

@@ -9,7 +9,7 @@
 #include "elimination.h"
 #include "step_touch.h"
 
-enum { SBI_STEP_MOST_GUESTS = 16 }; /* of a step in which contact couples nodes */
+enum { SBI_STEP_MOST_GUESTS = 128 }; /* of a step in which contact couples nodes, or nodes hang on rigid bodies */
 
 typedef enum sbi_load_kind {
     SBI_LOAD_PRESSURE = 1,
@@ -214,6 +214,9 @@ typedef enum sbi_command_code {
     SBI_COMMAND_ADD_CAVITY = 43, /* a: corners, b: kind; ints: faces; reals: pressure, ambient, exponent, bulk, then of
                                   * a table volumes, pressures */
     SBI_COMMAND_CAVITY = 44,     /* a: load; reals: pressure, filled */
+    SBI_COMMAND_ADD_RIGID = 45,  /* ints: nodes; reals: mass, inertia by rows, centre, turn (w x y z), velocity, spin */
+    SBI_COMMAND_RIGID_LOAD = 46, /* a: rigid body; reals: force, torque */
+    SBI_COMMAND_REMOVE_RIGID = 47, /* a: rigid body */
     SBI_COMMAND_COUNT
 } sbi_command_code;
 
@@ -245,7 +248,8 @@ struct sb_body {
     sbi_touch_keeper touch_keeper; /* who keeps that, or zeros */
     unsigned char *substep_room;   /* what a step that is divided gives back, see step_substeps.c; or NULL */
     size_t substep_room_size;
-    const sbi_guest *step_guests[SBI_STEP_MOST_GUESTS]; /* of a step that touch adds one to */
+    const sbi_guest *step_guests[SBI_STEP_MOST_GUESTS]; /* of a step that touch or
+                                                         * rigid bodies add some to */
     sb_jobs jobs;
     sb_clock clock;
 
@@ -324,6 +328,8 @@ struct sb_body {
     double (*support_grams)[36];  /* [component_count] what the supports do to rigid motions */
     sb_vec3 *component_low, *component_high; /* [component_count] bounding boxes (m) */
     int (*component_faces)[6]; /* [component_count] nodes in each side of the boxes: low x, y, z, high x, y, z */
+
+    struct sbi_rigids *rigids; /* that move freely, see rigid_private.h; NULL: there has been none */
 
     /* constraints */
     sbi_elimination *elimination; /* the system they condense, or NULL: none */

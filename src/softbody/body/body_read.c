@@ -6,6 +6,7 @@
 #include "membrane_law.h"
 #include "live_private.h"
 #include "live_mesh.h"
+#include "rigid_private.h"
 
 #include <string.h>
 
@@ -162,6 +163,7 @@ SB_API void sb_body_reset(sb_body *body)
     sbi_live_forget_pushes(body);
     for (int i = 0; i < body->load_count; i++)
         sbi_body_reset_load(body->loads + i);
+    sbi_body_reset_rigids(body);
     if (body->elimination) {
         memset(body->elimination->force, 0, (size_t)body->elimination->equations.count * sizeof(sb_real));
         sbi_precond_forget(body->elimination->precond);

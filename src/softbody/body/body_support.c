@@ -3,6 +3,7 @@
 #include "body_private.h"
 #include "cable_law.h"
 #include "live_private.h"
+#include "rigid_private.h"
 
 #include <string.h>
 
@@ -296,6 +297,9 @@ static sb_result sbi_body_support(sb_body *body, const int *nodes, int count, in
         if (body->elimination->slave[nodes[i]] & axes)
             return sbi_fail_node(error, SB_ERROR_ARGUMENT, nodes[i],
                                  "node %d is the slave of a constraint on these axes", nodes[i]);
+    result = sbi_body_check_not_hung(body, nodes, count, "supported", error);
+    if (result != SB_OK)
+        return result;
     if (sbi_body_reserve_supports(body, nodes, count) != SB_OK)
         return sbi_fail(error, SB_ERROR_MEMORY, "out of memory for %d supports", count);
     for (int i = 0; i < count; i++) {

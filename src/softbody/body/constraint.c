@@ -5,6 +5,7 @@
 #include <string.h>
 
 #include "body_private.h"
+#include "rigid_private.h"
 
 /* ---- the set of equations ---- */
 
@@ -24,6 +25,8 @@ static sb_result sbi_constraint_install(sb_body *b, sbi_equations *equations, sb
         result = sbi_elimination_create(&setup, equations, &made, error);
     if (result == SB_OK && made)
         result = sbi_body_reserve_ties(b, &rows, error);
+    if (result == SB_OK)
+        result = sbi_body_reserve_rigids(b, b->rigids, made ? &made->matrix : &b->matrix, error);
     if (result != SB_OK) {
         sbi_elimination_free(made);
         sbi_equations_free(equations);
@@ -106,7 +109,7 @@ static sb_result sbi_constraint_check_terms(const sb_body *b, const sb_constrain
     if (b->fixed[node] >> axis & 1)
         return sbi_fail_node(error, SB_ERROR_ARGUMENT, node, "the slave, node %d along %c, is supported", node,
                              sbi_constraint_axis(axis));
-    return SB_OK;
+    return sbi_body_check_not_hung(b, &node, 1, "a slave", error);
 }
 
 /* All arguments of an addition; *total: terms of all constraints. */

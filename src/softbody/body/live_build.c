@@ -556,6 +556,8 @@ SBI_API void sbi_live_replace(sb_body *body, sb_body *next)
     live->lists = NULL;
     body->parts = old.parts;
     next->parts = NULL;
+    next->rigids = body->rigids;
+    body->rigids = old.rigids;
     body->touch = old.touch;
     body->touch_keeper = old.touch_keeper;
     body->substep_room = old.substep_room;

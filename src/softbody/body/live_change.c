@@ -8,6 +8,7 @@
 #include <string.h>
 
 #include "live_private.h"
+#include "rigid_private.h"
 
 enum {
     SBI_CHANGE_ADD_NODE = 1,
@@ -1176,6 +1177,7 @@ SB_API sb_result sb_body_change_commit(sb_body_change *change, sb_error *error)
         change->found_next = 0;
         return result;
     }
+    sbi_rigids_follow(body, &out);
     sbi_body_tell(body, SBI_COMMAND_CHANGE, 0, 0, change->log_ints.items, (size_t)change->log_ints.count,
                   change->log_reals.items, (size_t)change->log_reals.count);
     for (int i = 0; i < body->live->listener_count; i++)

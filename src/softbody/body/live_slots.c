@@ -1,6 +1,7 @@
 /* live_slots: slots of nodes and cells, and what a body with slack has besides them. */
 #include "live_change.h"
 #include "live_private.h"
+#include "rigid_private.h"
 
 #include <string.h>
 
@@ -289,6 +290,9 @@ SBI_API void sbi_live_label_nodes(sb_body *body)
 SBI_API sb_result sbi_live_ask_listeners(const sb_body *body, const sb_mesh_change *change, sb_error *error)
 {
     const sbi_live *live = body->live;
+    sb_result refused = sbi_rigids_reserve(body, change, error);
+    if (refused != SB_OK)
+        return refused;
     for (int i = 0; i < live->listener_count; i++) {
         const sb_body_listener *calls = &live->listeners[i].calls;
         sb_result result = calls->reserve ? calls->reserve(calls->user, body, change, error) : SB_OK;

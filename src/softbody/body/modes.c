@@ -16,6 +16,7 @@
 #include "body_private.h"
 #include "constraint.h"
 #include "load.h"
+#include "rigid_private.h"
 #include "step_explicit.h"
 
 #define SBI_MODES_COOKIE 0x3d0deu
@@ -567,6 +568,8 @@ SB_API sb_result sb_body_modes(sb_body *body, int count, const sb_modes_options 
     sb_result result;
     options = options ? options : &defaults;
     result = sbi_modes_check(body, count, options, frequencies, error);
+    if (result == SB_OK)
+        result = sbi_body_refuse_rigids(body, "modes", error);
     if (result != SB_OK)
         return result;
     begin = body->clock ? body->clock() : 0;

@@ -19,6 +19,7 @@
 #include "live_private.h"
 #include "load.h"
 #include "record_private.h"
+#include "rigid.h"
 #include "state_part.h"
 #include "../base/output.h"
 
@@ -638,6 +639,34 @@ static sb_result sbi_play_part(sb_body *body, const sbi_command *c, sb_error *er
     return sbi_state_parts_replay(body, c->ints, c->int_count, c->reals, c->real_count, error);
 }
 
+static sb_result sbi_play_add_rigid(sb_body *body, const sbi_command *c, sb_error *error)
+{
+    const sb_real *reals = c->reals;
+    sb_rigid_def def = sb_default_rigid_def();
+    def.nodes = c->ints;
+    def.node_count = (int)c->int_count;
+    def.mass = reals[0];
+    memcpy(def.inertia.m, reals + 1, 9 * sizeof *reals);
+    def.centre = sb_v3(reals[10], reals[11], reals[12]);
+    def.turn = sb_quat_make(reals[13], reals[14], reals[15], reals[16]);
+    def.velocity = sb_v3(reals[17], reals[18], reals[19]);
+    def.spin = sb_v3(reals[20], reals[21], reals[22]);
+    return sb_body_add_rigid(body, &def, NULL, error);
+}
+
+static sb_result sbi_play_rigid_load(sb_body *body, const sbi_command *c, sb_error *error)
+{
+    const sb_vec3 *v = sbi_record_vectors(c);
+    (void)error;
+    return sb_body_set_rigid_load(body, c->a, v[0], v[1]);
+}
+
+static sb_result sbi_play_remove_rigid(sb_body *body, const sbi_command *c, sb_error *error)
+{
+    (void)error;
+    return sb_body_remove_rigid(body, c->a);
+}
+
 static sb_result sbi_play_remove_load(sb_body *body, const sbi_command *c, sb_error *error)
 {
     (void)error;
@@ -750,6 +779,9 @@ static const sbi_record_rule sbi_record_rules[] = {
     {SBI_COMMAND_MEMBRANE, "membrane", 0, 3, sbi_play_membrane},
     {SBI_COMMAND_ADD_CAVITY, "new cavity", SBI_INTS_ANY, SBI_REALS_ANY, sbi_play_add_cavity},
     {SBI_COMMAND_CAVITY, "cavity", 0, 2, sbi_play_cavity},
+    {SBI_COMMAND_ADD_RIGID, "new rigid body", SBI_INTS_ANY, 23, sbi_play_add_rigid},
+    {SBI_COMMAND_RIGID_LOAD, "load of a rigid body", 0, 6, sbi_play_rigid_load},
+    {SBI_COMMAND_REMOVE_RIGID, "remove rigid body", 0, 0, sbi_play_remove_rigid},
     {SBI_COMMAND_PART_STEP, "step of a part", SBI_INTS_ANY, SBI_REALS_ANY, sbi_play_part},
 };
 

@@ -11,6 +11,7 @@
 #include "live_private.h"
 #include "load.h"
 #include "membrane_law.h"
+#include "rigid_private.h"
 #include "state_part.h"
 #include "../base/output.h"
 #include "step_explicit.h"
@@ -115,6 +116,8 @@ typedef struct sbi_state_walk {
     sbi_load *loads;
     int new_equations;
     sbi_elimination *elimination;
+    int new_rigids; /* 1: the image's are not those of the body */
+    sbi_rigids *rigids;
 } sbi_state_walk;
 
 static int sbi_state_is_image(const sbi_state_walk *walk) { return walk->pass >= SBI_STATE_CHECK; }
@@ -1420,6 +1423,137 @@ static void sbi_state_kept(sb_body *body, sbi_state_walk *walk)
     kept->made = kept->saved = made;
 }
 
+/* ---- free rigid bodies ---- */
+
+/* Doubles; place is NULL where the image's are not kept. */
+static void sbi_state_doubles(sbi_state_walk *walk, double *place, int count)
+{
+    for (int k = 0; k < count; k++) {
+        double value = sbi_state_double(walk, place[k]);
+        if (sbi_state_checks(walk) && value - value != 0)
+            sbi_state_refuse(
+                walk, sbi_fail(walk->error, SB_ERROR_NOT_FINITE, "a saved number of a rigid body is not finite"));
+        if (sbi_state_is_image(walk))
+            place[k] = value;
+    }
+}
+
+static void sbi_state_rigid_motion(sbi_state_walk *walk, sbi_rigid_state *state)
+{
+    double square = 0;
+    sbi_state_doubles(walk, state->centre, 3);
+    sbi_state_doubles(walk, state->turn, 4);
+    sbi_state_doubles(walk, state->velocity, 3);
+    sbi_state_doubles(walk, state->acceleration, 3);
+    sbi_state_doubles(walk, state->spin, 3);
+    sbi_state_doubles(walk, state->spin_rate, 3);
+    sbi_state_doubles(walk, state->wrench, 6);
+    for (int k = 0; k < 4; k++)
+        square += state->turn[k] * state->turn[k];
+    if (sbi_state_checks(walk) && !(square > 0.99 && square < 1.01))
+        sbi_state_refuse(walk, sbi_fail(walk->error, SB_ERROR_FORMAT, "a saved rigid body has no turn"));
+}
+
+/* The nodes that hang on one; own: where they are, and the image's go, or NULL: nowhere. */
+static void sbi_state_rigid_nodes(const sb_body *body, sbi_state_walk *walk, sbi_rigid *own, int count)
+{
+    int last = -1;
+    for (int i = 0; i < count && walk->result == SB_OK; i++) {
+        double nowhere[3] = {0, 0, 0};
+        int node =
+            sbi_state_int(walk, own ? own->hung[i] : 0, last + 1, body->domain.node_count - 1, "node of a rigid body");
+        sbi_state_doubles(walk, own ? own->arm[i] : nowhere, 3);
+        if (own && sbi_state_is_image(walk))
+            own->hung[i] = node;
+        last = node;
+    }
+}
+
+/* Where the image's number `at` goes: in RESERVE one that is made, NULL where the body's serve or there is no memory;
+ * in READ what was made, or the body's. In passes over a body its own; in CHECK NULL. */
+static sbi_rigid *sbi_state_rigid_place(const sb_body *body, sbi_state_walk *walk, int at, int count)
+{
+    sbi_rigid *made;
+    if (walk->pass == SBI_STATE_CHECK || (walk->pass == SBI_STATE_RESERVE && !walk->rigids))
+        return NULL;
+    if (walk->pass != SBI_STATE_RESERVE)
+        return walk->pass == SBI_STATE_READ && walk->new_rigids ? walk->rigids->list[at] : body->rigids->list[at];
+    made = sbi_rigid_make(&body->allocator, count);
+    if (made)
+        walk->rigids->list[walk->rigids->count++] = made;
+    else
+        sbi_state_refuse(walk, sbi_fail(walk->error, SB_ERROR_MEMORY, "no memory for a rigid body"));
+    return made;
+}
+
+static void sbi_state_rigid(const sb_body *body, sbi_state_walk *walk, int at, int *after)
+{
+    const sbi_rigids *own = body->rigids;
+    const sbi_rigid *had = own && at < own->count ? own->list[at] : NULL;
+    int id = sbi_state_int(walk, had ? had->id : 0, *after + 1, INT32_MAX, "id of a rigid body");
+    int count =
+        sbi_state_int(walk, had ? had->count : 0, 0, body->domain.node_count, "number of nodes of a rigid body");
+    sbi_rigid any, *to;
+    if (walk->pass == SBI_STATE_CHECK && (!had || had->id != id || had->capacity < count))
+        walk->new_rigids = 1;
+    to = sbi_state_rigid_place(body, walk, at, count);
+    if (walk->result != SB_OK)
+        return;
+    memset(&any, 0, sizeof any);
+    *after = id;
+    if (to && sbi_state_is_image(walk)) {
+        to->id = id;
+        to->count = count;
+    }
+    sbi_state_doubles(walk, to ? &to->mass : &any.mass, 1);
+    sbi_state_doubles(walk, to ? to->inertia : any.inertia, 9);
+    sbi_state_doubles(walk, to ? to->load : any.load, 6);
+    if (sbi_state_checks(walk) && !sbi_rigid_has_inertia(any.mass, any.inertia))
+        sbi_state_refuse(walk, sbi_fail(walk->error, SB_ERROR_FORMAT, "a saved rigid body has no mass or no inertia"));
+    sbi_state_rigid_motion(walk, to ? &to->now : &any.now);
+    sbi_state_rigid_motion(walk, to ? &to->home : &any.home);
+    sbi_state_rigid_nodes(body, walk, to, count);
+}
+
+/* Room for steps with those that were made, beside the matrix that the body will have. */
+static void sbi_state_reserve_rigids(sb_body *body, sbi_state_walk *walk)
+{
+    const sb_matrix *matrix = walk->pattern.needed ? &walk->pattern.matrix : &body->matrix;
+    const sbi_elimination *e = walk->new_equations                                 ? walk->elimination
+                               : walk->pattern.needed && walk->pattern.elimination ? walk->pattern.elimination
+                                                                                   : body->elimination;
+    sbi_state_refuse(walk, sbi_body_reserve_rigids(body, walk->rigids, e ? &e->matrix : matrix, walk->error));
+}
+
+/* Those that move freely, of a body that has had one. */
+static void sbi_state_rigids(sb_body *body, sbi_state_walk *walk)
+{
+    sbi_rigids *own = body->rigids;
+    int last = sbi_state_int(walk, own ? own->last_id : 0, 1, INT32_MAX, "last id of a rigid body"), after = 0;
+    int count = sbi_state_int(walk, own ? own->count : 0, 0, SB_MAX_RIGID, "number of rigid bodies");
+    if (walk->pass == SBI_STATE_CHECK)
+        walk->new_rigids = !own || own->count != count;
+    if (walk->pass == SBI_STATE_RESERVE && walk->new_rigids) {
+        walk->rigids = (sbi_rigids *)sbi_alloc_zeroed(&body->allocator, 1, sizeof *walk->rigids);
+        if (!walk->rigids)
+            sbi_state_refuse(walk, sbi_fail(walk->error, SB_ERROR_MEMORY, "no memory for %d rigid bodies", count));
+    }
+    for (int k = 0; k < count && walk->result == SB_OK; k++)
+        sbi_state_rigid(body, walk, k, &after);
+    if (sbi_state_checks(walk) && after > last)
+        sbi_state_refuse(walk, sbi_fail(walk->error, SB_ERROR_FORMAT, "a saved rigid body has an id beyond the last"));
+    if (walk->pass == SBI_STATE_RESERVE && walk->rigids && walk->result == SB_OK)
+        sbi_state_reserve_rigids(body, walk);
+    if (walk->pass != SBI_STATE_READ)
+        return;
+    if (walk->new_rigids) {
+        sbi_rigids_free(&body->allocator, own);
+        body->rigids = walk->rigids;
+        walk->rigids = NULL;
+    }
+    body->rigids->last_id = last;
+}
+
 /* ---- a mesh that may change ---- */
 
 /* Numbers of its part, which comes first; the second of a mesh with pieces of tet4, the third of one with glue besides,
@@ -1814,6 +1948,7 @@ static const sbi_state_own sbi_state_owns[] = {
     {18, sbi_state_tractions},
     {11, sbi_state_follow},
     {12, sbi_state_constraints},
+    {26, sbi_state_rigids},
     {6, sbi_state_rotations},
     {13, sbi_state_prony},
     {7, sbi_state_motion},
@@ -1844,6 +1979,13 @@ static int sbi_state_enters_part(sb_body *body, const sbi_state_walk *walk, cons
         return !walk->plain;
     if (part->walk == sbi_state_tractions && !sbi_state_has_part(walk, part, body->traction_count > 0)) {
         body->traction_count = reads ? 0 : body->traction_count;
+        return 0;
+    }
+    if (part->walk == sbi_state_rigids && !sbi_state_has_part(walk, part, body->rigids && body->rigids->last_id > 0)) {
+        if (reads) {
+            sbi_rigids_free(&body->allocator, body->rigids);
+            body->rigids = NULL;
+        }
         return 0;
     }
     if (part->walk == sbi_state_prestretch)
@@ -1915,6 +2057,7 @@ static void sbi_state_drop(const sb_body *body, sbi_state_walk *walk)
     if (walk->loads)
         sbi_state_free_loads(body, walk->loads, walk->load_count);
     sbi_elimination_free(walk->elimination);
+    sbi_rigids_free(&body->allocator, walk->rigids);
 }
 
 static sbi_state_walk sbi_state_begin(void)
@@ -2029,6 +2172,7 @@ static sb_result sbi_state_pass_live(sb_body *body, sbi_state_walk *walk, sb_err
 {
     sbi_live_mesh mesh;
     sb_body *next = NULL;
+    sbi_rigids *rigids;
     sb_result result;
     memset(&mesh, 0, sizeof mesh);
     result = sbi_state_read_mesh(body, walk, &mesh, error);
@@ -2045,6 +2189,9 @@ static sb_result sbi_state_pass_live(sb_body *body, sbi_state_walk *walk, sb_err
         sb_body_destroy(next);
         return result;
     }
+    rigids = body->rigids;
+    body->rigids = next->rigids;
+    next->rigids = rigids;
     sbi_live_replace(body, next);
     for (int i = 0; i < body->live->listener_count; i++)
         body->live->listeners[i].calls.follow(body->live->listeners[i].calls.user, body, NULL);

@@ -7,6 +7,7 @@
 #include "cavity_law.h"
 #include "live_private.h"
 #include "load.h"
+#include "rigid_private.h"
 #include "step_explicit.h"
 #include "step_private.h"
 
@@ -178,6 +179,7 @@ SBI_API void sbi_step_save(sb_body *b)
     sbi_assembly_save_rotations(&b->assembly);
     sbi_kept_save(b);
     sbi_cavities_save(b);
+    sbi_rigids_save(b);
 }
 
 SBI_API void sbi_step_restore(sb_body *b)
@@ -196,6 +198,7 @@ SBI_API void sbi_step_restore(sb_body *b)
     sbi_assembly_restore_rotations(&b->assembly);
     sbi_kept_restore(b);
     sbi_cavities_restore(b);
+    sbi_rigids_restore(b);
     sbi_body_update_positions(b);
 }
 
@@ -378,7 +381,9 @@ static sb_result sbi_step_begin_part(sb_body *body, sb_real dt, const sbi_guest 
     if (body->integrator == SB_CENTRAL_DIFFERENCE)
         return sbi_fail(&step->info->error, SB_ERROR_UNSUPPORTED,
                         "an explicit step solves no system: it has no parts and no guests");
-    result = sbi_step_take_guests(step, guests, guest_count);
+    result = sbi_rigids_join(step, &guests, &guest_count);
+    if (result == SB_OK)
+        result = sbi_step_take_guests(step, guests, guest_count);
     step->given = step->guests;
     return result == SB_OK ? sbi_step_start(step) : result;
 }
@@ -393,6 +398,7 @@ SBI_API sb_result sbi_step_begin(sb_body *body, sb_real dt, const sbi_guest *con
 static sb_result sbi_step_take_motion(sbi_step *step)
 {
     sb_body *b = step->body;
+    sbi_step_place_nodes(step, 1, b->displacement);
     if (b->elimination)
         sbi_elimination_follow(b->elimination, b->displacement, step->load_factor);
     b->force_current = step->energy_known = 0;

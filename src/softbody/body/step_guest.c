@@ -4,6 +4,7 @@
 #include <string.h>
 
 #include "../solve/sparse_live.h"
+#include "rigid_private.h"
 #include "step_private.h"
 
 /* ---- begin ---- */
@@ -25,6 +26,16 @@ static sb_result sbi_step_check_slaves(const sb_body *b, const sbi_guests *guest
     return SB_OK;
 }
 
+/* The error of a node that two guests take, where one of them is a rigid body. */
+static void sbi_step_name_hung(const sb_body *b, sb_error *error)
+{
+    const sbi_rigid *on = error->node >= 0 && b->rigids ? sbi_body_hung_on(b, error->node) : NULL;
+    int node = error->node;
+    if (on)
+        sbi_fail_node(error, SB_ERROR_INDEX, node, "node %d hangs on rigid body %d: a needle cannot hold it, too", node,
+                      on->id);
+}
+
 SBI_API sb_result sbi_step_take_guests(sbi_step *step, const sbi_guest *const *list, int count)
 {
     sb_body *b = step->body;
@@ -36,6 +47,8 @@ SBI_API sb_result sbi_step_take_guests(sbi_step *step, const sbi_guest *const *l
         return SB_OK;
     result = sbi_pcg_reserve_guests(&b->pcg, b->elimination ? &b->elimination->matrix : &b->matrix, &guests,
                                     &step->info->error);
+    if (result == SB_ERROR_INDEX)
+        sbi_step_name_hung(b, &step->info->error);
     if (result == SB_OK)
         result = sbi_step_check_slaves(b, &guests, &step->info->error);
     if (result != SB_OK)
@@ -83,6 +96,64 @@ static void sbi_step_set_unknowns(const sbi_guest_work *work, const double *from
         work->guest->unknown[k] = from[k];
 }
 
+/* out of a guest = unknowns a share of the way that the last solve found, and where they put its taken nodes. */
+static void sbi_step_place_guest(const sbi_guest_work *work, double share)
+{
+    const sbi_guest *guest = work->guest;
+    for (int k = 0; k < guest->unknown_count; k++)
+        work->out[k] = work->base[k] + share * (guest->unknown[k] - work->base[k]);
+    guest->place(guest->user, work->out, work->out + guest->unknown_count);
+}
+
+static sb_vec3 sbi_step_way_of(const sb_body *b, int node, const double way[3])
+{
+    sb_vec3 start = b->start[node];
+    return sb_v3((sb_real)((double)start.x + way[0]), (sb_real)((double)start.y + way[1]),
+                 (sb_real)((double)start.z + way[2]));
+}
+
+SBI_API void sbi_step_place_nodes(const sbi_step *step, double share, sb_vec3 *displacement)
+{
+    for (int g = 0; step->guests_begun && g < step->guests.count; g++) {
+        const sbi_guest_work *work = sbi_step_guest_space(step)->work + g;
+        const double *way = work->out + work->guest->unknown_count;
+        if (!work->guest->place)
+            continue;
+        sbi_step_place_guest(work, share);
+        for (int k = 0; k < work->guest->taken_count; k++, way += 3)
+            displacement[work->guest->nodes[k]] = sbi_step_way_of(step->body, work->guest->nodes[k], way);
+    }
+}
+
+/* Increments of nodes begin with what goes to where unknowns put them. */
+static void sbi_step_place_increments(const sbi_step *step)
+{
+    const sb_body *b = step->body;
+    for (int g = 0; g < step->guests.count; g++) {
+        const sbi_guest_work *work = sbi_step_guest_space(step)->work + g;
+        const double *way = work->out + work->guest->unknown_count, *base = work->base + work->guest->unknown_count;
+        if (!work->guest->place)
+            continue;
+        sbi_step_place_guest(work, 1);
+        for (int k = 0; k < work->guest->taken_count; k++, way += 3, base += 3)
+            b->increment[work->guest->nodes[k]] =
+                sb_v3((sb_real)(way[0] - base[0]), (sb_real)(way[1] - base[1]), (sb_real)(way[2] - base[2]));
+    }
+}
+
+/* The base has moved: nodes have gone to where unknowns put them, and rows follow. */
+static void sbi_step_renew_guests(const sbi_step *step)
+{
+    for (int g = 0; g < step->guests.count; g++) {
+        const sbi_guest_work *work = sbi_step_guest_space(step)->work + g;
+        const sbi_guest *guest = work->guest;
+        if (guest->place)
+            guest->place(guest->user, work->base, work->base + guest->unknown_count);
+        if (guest->renew && !step->linearised)
+            guest->renew(guest->user, work->base);
+    }
+}
+
 SBI_API sb_result sbi_step_begin_guests(sbi_step *step, sb_matrix *matrix)
 {
     sbi_guest_space *space = sbi_step_guest_space(step);
@@ -101,6 +172,7 @@ SBI_API sb_result sbi_step_begin_guests(sbi_step *step, sb_matrix *matrix)
         if (result != SB_OK)
             return error->result == result ? result : sbi_fail(error, result, "guest %d cannot begin a step", g);
     }
+    sbi_step_place_increments(step);
     return SB_OK;
 }
 
@@ -185,6 +257,7 @@ SBI_API void sbi_step_move_guests(sbi_step *step, sb_real share, sb_real held)
     if (step->guests.count == 0)
         return;
     sbi_guest_move_base(space, &step->body->increment[0].x, (double)share, (double)held);
+    sbi_step_renew_guests(step);
     step->guests_left = (space->rows_changed ? 1 : step->guests_left) * (1 - (double)share);
     space->rows_changed = 0;
 }
@@ -238,6 +311,29 @@ SBI_API void sbi_step_guest_reactions(const sbi_step *step)
             int node = work->guest->nodes[k];
             sb_vec3 f = sb_v3((sb_real)force[0], (sb_real)force[1], (sb_real)force[2]);
             b->reaction[node] = sbi_body_pick_axes(b->fixed[node], sb_v3_sub(b->reaction[node], f), b->reaction[node]);
+        }
+    }
+}
+
+SBI_API void sbi_step_subtract_guests(const sbi_step *step, sb_vec3 *left)
+{
+    const sb_body *b = step->body;
+    for (int g = 0; g < step->guests.count; g++) {
+        sbi_guest_work *work = sbi_step_guest_space(step)->work + g;
+        const sbi_guest *guest = work->guest;
+        const double *force = work->out + guest->unknown_count;
+        double sign = guest->is_tangent ? 1 : -1;
+        if (guest->place || (guest->is_tangent && !step->linearised))
+            continue;
+        if (guest->is_tangent) {
+            sbi_step_guest_way(work, b->increment);
+            guest->multiply(guest->user, work->in, work->out);
+        } else {
+            sbi_guest_force(work);
+        }
+        for (int k = 0; k < guest->node_count; k++, force += 3) {
+            sb_vec3 *to = left + guest->nodes[k];
+            *to = sb_v3_madd(*to, (sb_real)sign, sb_v3((sb_real)force[0], (sb_real)force[1], (sb_real)force[2]));
         }
     }
 }

@@ -147,10 +147,15 @@ SBI_API void sbi_step_guest_residual(sbi_step *step, const sb_matrix *parts);
 SBI_API double sbi_step_guest_square(const sbi_step *step, int part);
 /* 1 when the rows of guests that lie in no part meet the tolerance, too, or are no more than `rounding` (N). */
 SBI_API int sbi_step_lone_guests_meet(const sbi_step *step, sb_real rounding);
+/* Taken nodes of guests that place them, a share of the way that the last solve found; `displacement` has the others.
+ */
+SBI_API void sbi_step_place_nodes(const sbi_step *step, double share, sb_vec3 *displacement);
 /* Of the increment `share` was taken, and `held` of it on supported axes. */
 SBI_API void sbi_step_move_guests(sbi_step *step, sb_real share, sb_real held);
 /* Reactions less guests' forces on supported axes. */
 SBI_API void sbi_step_guest_reactions(const sbi_step *step);
+/* left [nodes] (N), what is left over without guests, less the forces of those that place no nodes. */
+SBI_API void sbi_step_subtract_guests(const sbi_step *step, sb_vec3 *left);
 SBI_API void sbi_step_commit_guests(sbi_step *step);
 SBI_API void sbi_step_undo_guests(sbi_step *step);
 /* way.G way of the way that the last solve has added to nodes (way [rows]) and unknowns. */

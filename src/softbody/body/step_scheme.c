@@ -4,6 +4,7 @@
 #include "constraint.h"
 #include "live_private.h"
 #include "load.h"
+#include "rigid_private.h"
 #include "step_private.h"
 
 SBI_API void sbi_step_dead_loads(sb_body *b)
@@ -205,6 +206,7 @@ static sb_result sbi_step_finish_alpha(sbi_step *step)
         sb_vec3 end = sbi_step_extrapolate(b->start[i], b->displacement[i], step->level);
         b->displacement[i] = b->fixed[i] ? sbi_body_pick_axes(b->fixed[i], sbi_step_target(step, i), end) : end;
     }
+    sbi_rigids_place(b, b->displacement);
     if (b->elimination)
         sbi_elimination_follow(b->elimination, b->displacement, 1);
     b->force_current = 0;
@@ -225,6 +227,9 @@ SBI_API sb_result sbi_step_finish(sbi_step *step)
 {
     sb_body *b = step->body;
     int alpha = b->integrator == SB_GENERALISED_ALPHA;
+    sb_result moved = sbi_rigids_finish(step);
+    if (moved != SB_OK)
+        return moved;
     for (int i = 0; i < b->domain.node_count; i++) {
         sb_vec3 taken = sbi_step_taken_way(step, i);
         sb_vec3 v = sb_v3_madd(sbi_step_velocity(step, i), step->cv, taken);

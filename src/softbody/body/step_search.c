@@ -103,6 +103,7 @@ SBI_API void sbi_step_trial(const sbi_step *step, sb_real t)
         if (t == 1 && b->fixed[i])
             b->work2[i] = sbi_body_pick_axes(b->fixed[i], sbi_step_goal(step, i), b->work2[i]);
     }
+    sbi_step_place_nodes(step, (double)t, b->work2);
     if (b->elimination && (t == 1 || !step->moves_supports))
         sbi_elimination_follow(b->elimination, b->work2, step->load_factor);
 }
@@ -213,6 +214,16 @@ static sb_real sbi_step_line_noise(const sbi_step *step, const sbi_step_line *li
            4 * SB_EPSILON * step->body->assembly.energy_unit;
 }
 
+/* Guests that place nodes, which hold each other: that no work is done by these forces is so but for rounding, which
+ * may be all that is left of the slope. */
+static int sbi_step_slope_is_rounding(const sbi_step *step, const sbi_step_line *line)
+{
+    int places = 0;
+    for (int g = 0; g < step->guests.count; g++)
+        places |= step->guests.list[g]->place != NULL;
+    return places && line->slope <= sbi_step_line_noise(step, line, 1, step->energy);
+}
+
 /* Takes the first share t = 1, 1/2, 1/4 ... of the increment whose shape is admissible and whose potential fell
  * enough (Armijo). */
 static sb_result sbi_step_search(sbi_step *step)
@@ -224,7 +235,7 @@ static sb_result sbi_step_search(sbi_step *step)
         return sbi_step_no_step(step, bad);
     step->energy_known = 1;
     line = sbi_step_make_line(step);
-    if (!(line.slope < 0) && !step->linearised)
+    if (!(line.slope < 0) && !step->linearised && !sbi_step_slope_is_rounding(step, &line))
         return SB_ERROR_INDEFINITE;
     line.slope = sb_min(line.slope, 0);
     for (sb_real t = 1; t > (sb_real)1e-6; t *= (sb_real)0.5) {

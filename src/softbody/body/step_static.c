@@ -4,6 +4,7 @@
 #include "cavity_law.h"
 #include "constraint.h"
 #include "load.h"
+#include "rigid_private.h"
 #include "step_private.h"
 
 #define SBI_STATIC_COOKIE 0x57a71cu
@@ -232,6 +233,8 @@ SB_API sb_result sb_body_solve_static(sb_body *body, const sb_static_options *op
     options = options ? options : &defaults;
     sbi_step_begin_info(info);
     result = sbi_static_check(body, options, &info->error);
+    if (result == SB_OK)
+        result = sbi_body_refuse_rigids(body, "static solves", &info->error);
     if (result != SB_OK)
         return result;
     begin = sbi_body_now(body);

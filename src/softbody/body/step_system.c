@@ -4,6 +4,7 @@
 
 #include "cavity_law.h"
 #include "constraint.h"
+#include "rigid_private.h"
 #include "step_private.h"
 
 enum { SBI_STATIC_SLOW = 1000 }; /* iterations of conjugate gradients */
@@ -136,6 +137,7 @@ SBI_API void sbi_step_reactions(const sbi_step *step)
     sbi_step_guest_reactions(step);
     if (step->touch && step->linearised)
         sbi_step_touch_reactions(step);
+    sbi_rigids_read(step);
 }
 
 SBI_API int sbi_step_is_linear(const sb_body *b)

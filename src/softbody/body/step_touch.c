@@ -4,6 +4,7 @@
 #include <string.h>
 
 #include "cavity_law.h"
+#include "rigid_private.h"
 #include "step_private.h"
 
 SBI_API void sbi_body_set_touch(sb_body *body, sbi_touch *touch)
@@ -30,7 +31,9 @@ SBI_API sbi_touch *sbi_body_get_touch(const sb_body *body) { return body->touch;
 
 SBI_API sb_result sbi_body_reserve_coupling(sb_body *body, int nodes, sb_error *error)
 {
-    return sbi_pcg_reserve_guest_room(&body->pcg, &body->matrix, body->matrix.row_count, 0, nodes, error);
+    int unknowns = 0;
+    sbi_rigids_count(body, &unknowns, &nodes);
+    return sbi_pcg_reserve_guest_room(&body->pcg, &body->matrix, body->matrix.row_count, unknowns, nodes, error);
 }
 
 /* ---- between the body's vectors and those of the nodes in touch ---- */

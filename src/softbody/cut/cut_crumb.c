@@ -7,6 +7,8 @@
 
 #include <string.h>
 
+#include "../body/rigid_private.h"
+
 /* A piece as it is to be: a record, or ~ a piece of a tet that has no records. */
 typedef int sbi_cut_handle;
 
@@ -106,7 +108,7 @@ static int sbi_cut_will_be_glued(const sb_cut *cut, int tet)
 /* 1 when a node of a piece is to be supported. */
 static int sbi_cut_is_held(const sb_cut *cut, sbi_cut_handle at, int local)
 {
-    if (!cut->body->fixed[sbi_cut_handle_node(cut, at, local)])
+    if (!sbi_body_held_axes(cut->body, sbi_cut_handle_node(cut, at, local)))
         return 0;
     return !cut->node_marks[sbi_cut_tet_nodes(cut, sbi_cut_handle_tet(cut, at))[local]] ||
            sbi_cut_has_material(cut, cut->cells + at, local) || sbi_cut_held_axes(cut, cut->cells + at, local);

@@ -6,6 +6,8 @@
 
 #include <string.h>
 
+#include "../body/rigid_private.h"
+
 /* ---- elements ---- */
 
 SBI_API sb_real sbi_cut_tet_volume(const sb_cut *cut, int tet)
@@ -197,7 +199,7 @@ SBI_API int sbi_cut_held_axes(const sb_cut *cut, const sbi_cut_cell *cell, int n
         int count = sb_element_face(cut->body->domain.element_type, face, local, NULL);
         for (int k = 0; k < count; k++) {
             on |= local[k] == node;
-            all &= cut->body->fixed[cell->old_nodes[local[k]]];
+            all &= sbi_body_held_axes(cut->body, cell->old_nodes[local[k]]);
         }
         if (on && cell->marks[face] && cut->neighbours.items[4 * (size_t)cell->tet + (size_t)face] < 0)
             held |= all;

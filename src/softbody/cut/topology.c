@@ -10,6 +10,8 @@
 
 #include <string.h>
 
+#include "../body/rigid_private.h"
+
 /* ---- copies ---- */
 
 /* The class of a node among those listed, or the next one. */
@@ -62,7 +64,7 @@ static int sbi_cut_keeper(const sb_cut *cut, int node, int old)
             continue;
         if (first < 0)
             first = k;
-        if (old == node ? cut->classes[k].has : (cut->body->fixed[old] & ~cut->classes[k].held) == 0)
+        if (old == node ? cut->classes[k].has : (sbi_body_held_axes(cut->body, old) & ~cut->classes[k].held) == 0)
             return k;
     }
     return first;

@@ -6,6 +6,7 @@
 
 #include "../body/cavity_law.h"
 #include "../body/load.h"
+#include "../body/rigid_private.h"
 
 enum {
     SBI_EQUILIBRIUM_DIRECT = 10000, /* nodes up to which K is factored */
@@ -138,7 +139,7 @@ static sb_result sbi_equilibrium_check(const sb_body *body, sb_real tolerance, s
     if (sbi_cavities_resist(body))
         return sbi_fail(error, SB_ERROR_UNSUPPORTED,
                         "a cavity resists growing: derivatives know cavities of given pressure only");
-    return SB_OK;
+    return sbi_body_refuse_rigids(body, "derivatives", error);
 }
 
 static sb_result sbi_equilibrium_check_held(const sb_body *body, sb_error *error)

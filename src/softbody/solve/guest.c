@@ -139,6 +139,14 @@ static void sbi_guest_take(const sbi_guest_work *work, sb_real *y, double *to, i
         }
 }
 
+/* The same of rows that are complete then. */
+static void sbi_guest_take_rows(const sbi_guest_work *work, sb_real *y, double *to, int add)
+{
+    sbi_guest_take(work, y, to, add);
+    if (work->guest->condense)
+        work->guest->condense(work->guest->user, to);
+}
+
 /* y[taken] = from there. */
 static void sbi_guest_put(const sbi_guest_work *work, const double *from, sb_real *y)
 {
@@ -207,7 +215,7 @@ SBI_API void sbi_guest_residual(sbi_guest_space *space, const sb_real *x, const 
         sbi_guest_scatter(space, work, 1, r);
     }
     for (int g = 0; g < space->count; g++)
-        sbi_guest_take(space->work + g, r, space->work[g].residual, 0);
+        sbi_guest_take_rows(space->work + g, r, space->work[g].residual, 0);
 }
 
 SBI_API void sbi_guest_multiply(sbi_guest_space *space, const sb_real *p, sb_real *q)
@@ -226,7 +234,7 @@ SBI_API void sbi_guest_multiply(sbi_guest_space *space, const sb_real *p, sb_rea
     }
     for (int g = 0; g < space->count; g++)
         if (!space->work[g].done)
-            sbi_guest_take(space->work + g, q, space->work[g].product, 0);
+            sbi_guest_take_rows(space->work + g, q, space->work[g].product, 0);
 }
 
 /* z = the block's solution for r; prescribed components of taken nodes are 0 in both. */
@@ -309,7 +317,7 @@ SBI_API void sbi_guest_guess(sbi_guest_space *space, sb_real *x, sb_real *r, sb_
         }
         for (int k = 0; x && k < 3 * guest->taken_count; k++)
             x[3 * (size_t)guest->nodes[k / 3] + (size_t)(k % 3)] += (sb_real)work->block[guest->unknown_count + k];
-        sbi_guest_take(work, r, work->residual, 1);
+        sbi_guest_take_rows(work, r, work->residual, 1);
     }
 }
 
@@ -349,17 +357,34 @@ SBI_API void sbi_guest_add_taken(const sbi_guest_work *work, double sum[3])
 {
     for (int k = 0; k < 3 * work->guest->taken_count; k++)
         sum[k % 3] += work->residual[work->guest->unknown_count + k];
+    for (int k = 0; work->guest->moves_taken && k < 3; k++)
+        sum[k] += work->residual[k];
 }
 
-SBI_API int sbi_guest_settle(sbi_guest_space *space, const sb_real *x)
+/* Taken nodes of x go where unknowns put them. */
+static void sbi_guest_place_taken(const sbi_guest_space *space, const sbi_guest_work *work, sb_real *x)
+{
+    const sbi_guest *guest = work->guest;
+    double *way = work->out + guest->unknown_count, *base = work->base + guest->unknown_count;
+    guest->place(guest->user, guest->unknown, way);
+    for (int k = 0; k < 3 * guest->taken_count; k++)
+        if (!sbi_guest_is_held(space, guest->nodes[k / 3], k % 3))
+            x[3 * (size_t)guest->nodes[k / 3] + (size_t)(k % 3)] = (sb_real)(way[k] - base[k]);
+}
+
+SBI_API int sbi_guest_settle(sbi_guest_space *space, sb_real *x)
 {
     int changed = 0;
     for (int g = 0; g < space->count; g++) {
         sbi_guest_work *work = space->work + g;
+        int own;
         if (!work->guest->settle)
             continue;
         sbi_guest_gather_place(space, work, work->guest->unknown, x, x);
-        changed |= work->guest->settle(work->guest->user, work->in) != 0;
+        own = work->guest->settle(work->guest->user, work->in) != 0;
+        if (own && work->guest->place)
+            sbi_guest_place_taken(space, work, x);
+        changed |= own;
     }
     space->rows_changed |= changed;
     return changed;
@@ -453,7 +478,7 @@ static void sbi_guest_correct(sbi_guest_space *space, const sb_real *z, sb_real 
         if (work->done || work->size == 0)
             continue;
         sbi_guest_copy(work->in, work->out, work->guest->unknown_count);
-        sbi_guest_take(work, y, work->in, 0);
+        sbi_guest_take_rows(work, y, work->in, 0);
         sbi_guest_solve_block(space, work, work->in, work->out);
         for (size_t k = 0; k < work->size; k++)
             work->correction[k] = work->block[k] - work->out[k];

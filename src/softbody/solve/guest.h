@@ -75,6 +75,10 @@ typedef struct sbi_guest {
      * definite. NULL: it has no rows of its own */
     void (*precondition)(void *user, const double *r, double *z);
 
+    /* 1: its first three unknowns are a way that all of its taken nodes go: these hold each other, and the sum of
+     * forces is that of the nodes' residuals and theirs. */
+    int moves_taken;
+
     /* 1: it has no unknowns and no forces of its own, only a stiffness between its nodes that counts in what a system
      * adds: what is in the forces of others. `residual` is then not called. */
     int is_tangent;
@@ -90,6 +94,16 @@ typedef struct sbi_guest {
     int (*settle)(void *user, const double *x);
     /* The step is done, x is where it balances: takes over its motion. Cannot fail. */
     void (*commit)(void *user, const double *x);
+    /* Taken nodes are where unknowns put them, which `precondition` keeps to first order (its result is then positive
+     * definite on such motion alone): way [3 taken_count] = their displacement over the step. Solves begin with it, and
+     * shapes that are tried have it. */
+    void (*place)(void *user, const double *unknown, double *way);
+    /* With `place`: rows [unknown_count + 3 taken_count] of a residual or a product: what taken nodes have goes to the
+     * unknowns that move them, and is 0 then. Else the forces by which these nodes hold each other would have to cancel
+     * in each sum of conjugate gradients (Gould, Hribar and Nocedal 2001, 6). */
+    void (*condense)(void *user, double *rows);
+    /* In a step of several solves: x is where it is by now, and its rows are to be those of there. */
+    void (*renew)(void *user, const double *x);
     /* The step has failed, or is begun anew with other factors: as before the first `begin`. Called of each guest whose
      * `begin` was called or is missing. Its unknowns are put back already. */
     void (*undo)(void *user);
@@ -174,10 +188,10 @@ SBI_API void sbi_guest_precondition(sbi_guest_space *space, sb_preconditioner *p
                                     sb_real *z, double size);
 /* sums = residual.correction, product.correction (fresh: 0) */
 SBI_API void sbi_guest_dots(sbi_guest_work *work, int fresh);
-/* sum += residuals of its taken nodes */
+/* sum += residuals of its taken nodes, and of its unknowns where these move them */
 SBI_API void sbi_guest_add_taken(const sbi_guest_work *work, double sum[3]);
-/* x of all guests to their settle calls; 1 when one has changed its rows. */
-SBI_API int sbi_guest_settle(sbi_guest_space *space, const sb_real *x);
+/* x of all guests to their settle calls; 1 when one has changed its rows. Its placed nodes go where it puts them. */
+SBI_API int sbi_guest_settle(sbi_guest_space *space, sb_real *x);
 
 /* ---- for steps of several solves ---- */
 /* The base moves by a share of the solution x: by `share` along free components and unknowns, by `held` along

@@ -951,6 +951,8 @@ static void sbi_pcg_set_drifts(sbi_pcg_state *s, double tolerance, double outsid
         part->drift *= tolerance * tolerance;
         if (part->drift < rows * least)
             part->drift = rows * least;
+        if (rows == 0) /* a guest without nodes, of which its residual tells all */
+            part->drift = (double)INFINITY;
     }
 }
 

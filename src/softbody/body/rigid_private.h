@@ -1,0 +1,111 @@
+/* rigid_private: free rigid bodies of a body, and what steps, states and changes of the mesh do with them. Internal. */
+#ifndef SB_RIGID_PRIVATE_H
+#define SB_RIGID_PRIVATE_H
+
+#include "../mesh/mesh_change.h"
+#include "../solve/guest.h"
+#include "rigid.h"
+#include "step_parts.h"
+
+enum { SBI_RIGID_UNKNOWNS = 6 };
+
+/* Motion, in doubles also where sb_real is float. */
+typedef struct sbi_rigid_state {
+    double centre[3];       /* m */
+    double turn[4];         /* unit quaternion w x y z, from its frame to space */
+    double velocity[3];     /* m/s */
+    double acceleration[3]; /* m/s^2 */
+    double spin[3];         /* rad/s, in its frame */
+    double spin_rate[3];    /* rad/s^2, in its frame */
+    double wrench[6];       /* N, N m about the centre: the tissue's on it, in the last step */
+} sbi_rigid_state;
+
+/* The step under way. Rotations from the turn at its start are exp(th), th the last three unknowns; `start` vectors are
+ * what is in its frame, turned by the turn at the start, which does not change in the step. */
+typedef struct sbi_rigid_step {
+    int starts;              /* see sbi_guest_step */
+    int keeps_momentum;      /* 1: of implicit Euler, R J w - (R J w)_n = dt t; else J w' + w x J w = R^T t */
+    int rounds;              /* times that it was solved on with what its turn changes */
+    const sb_matrix *matrix; /* of the system that is solved */
+    double dt, level, cv, ca;
+    double gravity[3];
+    double frame[9];                       /* turn at the start */
+    double inertia[9];                     /* start: R J R^T */
+    double spin[3];                        /* start: w_n */
+    double velocity0[3], acceleration0[3]; /* of the centre, see sbi_guest_step */
+    double spin0[3], spin_rate0[3];        /* start */
+    double at[6], left[6];                 /* unknowns that its rows are made at, and what is out of balance there */
+    double slope[9];                       /* d turn / d th there: the left Jacobian of exp */
+    double mass_slope[9];                  /* stiffness that its inertia has (N m) */
+    double factor[36], scale[6];           /* Cholesky factor of its block, whose rows and columns were scaled */
+    double found[6];                       /* of `starts`: accelerations, start */
+} sbi_rigid_step;
+
+typedef struct sbi_rigid {
+    int id;
+    double mass, inertia[9];          /* kg, kg m^2 in its frame */
+    double load[6];                   /* N, N m */
+    sbi_rigid_state now, saved, home; /* saved: at the start of a step; home: when it was added, at rest */
+    int count, capacity;
+    int *hung;        /* [count] nodes, ascending */
+    double (*arm)[3]; /* [count] m, in its frame */
+    void *memory;
+    /* of a step: those of them that have material */
+    int *active;                        /* [guest.node_count] nodes */
+    double (*lever)[3];                 /* [guest.node_count] arms */
+    double (*from)[3];                  /* [..] places at the start of the step (m) */
+    double (*y)[3];                     /* [..] arms in space where its rows are made (m) */
+    double unknown[SBI_RIGID_UNKNOWNS]; /* way of the centre (m), th (rad) */
+    sbi_guest guest;
+    sbi_rigid_step step;
+} sbi_rigid;
+
+typedef struct sbi_rigids {
+    sbi_rigid *list[SB_MAX_RIGID]; /* [count] by ascending id */
+    int count, last_id;
+    int *made_on, made_capacity; /* of a change under way: index of the one that each node made is to hang on, or -1 */
+} sbi_rigids;
+
+/* ---- rigid.c ---- */
+/* An empty one with room for so many nodes; NULL: no memory. */
+SBI_API sbi_rigid *sbi_rigid_make(const sb_allocator *allocator, int capacity);
+SBI_API void sbi_rigid_free(const sb_allocator *allocator, sbi_rigid *rigid);
+SBI_API void sbi_rigids_free(const sb_allocator *allocator, sbi_rigids *rigids); /* NULL is fine */
+/* 1: a mass and an inertia. */
+SBI_API int sbi_rigid_has_inertia(double mass, const double inertia[9]);
+/* The rigid body that a node hangs on, or NULL. */
+SBI_API const sbi_rigid *sbi_body_hung_on(const sb_body *body, int node);
+/* Axes that a node is supported along, or hangs by: all. */
+SBI_API int sbi_body_held_axes(const sb_body *body, int node);
+/* SB_ERROR_ARGUMENT for a node that hangs: what: "supported". */
+SBI_API sb_result sbi_body_check_not_hung(const sb_body *body, const int *nodes, int count, const char *what,
+                                          sb_error *error);
+/* SB_ERROR_UNSUPPORTED where there is one: what: "static solves". */
+SBI_API sb_result sbi_body_refuse_rigids(const sb_body *body, const char *what, sb_error *error);
+/* Adds what their guests have, for room. */
+SBI_API void sbi_rigids_count(const sb_body *body, int *unknowns, int *nodes);
+/* What steps need of conjugate gradients with these (NULL: none), and this matrix. */
+SBI_API sb_result sbi_body_reserve_rigids(sb_body *body, sbi_rigids *rigids, const sb_matrix *matrix, sb_error *error);
+/* Back to where they were added, at rest. */
+SBI_API void sbi_body_reset_rigids(sb_body *body);
+/* A change of the mesh is to come: room for nodes that will hang, or a refusal. Then: it has happened. */
+SBI_API sb_result sbi_rigids_reserve(const sb_body *body, const sb_mesh_change *change, sb_error *error);
+SBI_API void sbi_rigids_follow(sb_body *body, const sb_mesh_change *change);
+
+/* ---- rigid_step.c ---- */
+/* Matrix of a unit quaternion w x y z, row-major. */
+SBI_API void sbi_rigid_matrix(const double turn[4], double r[9]);
+/* Its guest, which acts on these nodes. */
+SBI_API void sbi_rigid_make_guest(sbi_rigid *rigid, const int *nodes, int count);
+/* A step begins: its guests are those of its caller, and the body's rigid bodies. SB_ERROR_UNSUPPORTED. */
+SBI_API sb_result sbi_rigids_join(sbi_step *step, const sbi_guest *const **guests, int *count);
+/* The step has its balance: what the tissue does to them. Uses body->work and work2. */
+SBI_API void sbi_rigids_read(const sbi_step *step);
+/* Their motion at the end of the step. SB_ERROR_DIVERGED. */
+SBI_API sb_result sbi_rigids_finish(sbi_step *step);
+/* Nodes that hang go to where they have them by now. */
+SBI_API void sbi_rigids_place(const sb_body *body, sb_vec3 *displacement);
+SBI_API void sbi_rigids_save(sb_body *body);
+SBI_API void sbi_rigids_restore(sb_body *body);
+
+#endif /* SB_RIGID_PRIVATE_H */
