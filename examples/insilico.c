@@ -52,6 +52,8 @@ typedef struct score {
     double mean, median, most, surface_mean, surface_most, distance, marker_mean, marker_most;
     double seconds_start, seconds_setup, seconds_run;
     const char *stop;
+    double expected; /* mm, on the mean, of methods that tell */
+    int flagged;     /* 1: it says that it should not be trusted beyond 5 mm; -1: it does not tell */
 } score;
 
 /* What lasts from the files to the picture. Zeros: nothing yet. */
@@ -571,6 +573,20 @@ static void score_points(const work *w, const sb_vec3 *moved, score *s)
     s->most = s->volume[n - 1];
 }
 
+/* What the method says of its own error. */
+static void score_trust(const outcome *out, score *s)
+{
+    const unsigned doubts = REG_WARN_AMBIGUOUS | REG_WARN_VIEW_SMALL | REG_WARN_SCALE | REG_WARN_MANY_OUTLIERS;
+    const double limit = 3; /* mm that may be expected where 5 are too many */
+    reg_quality quality;
+    s->flagged = -1;
+    if (!out->infer || reg_infer_get_quality(out->infer, &quality) != SB_OK)
+        return;
+    s->expected = 1e3 * (double)quality.expected;
+    s->flagged = ((out->rigid.warnings | quality.warnings) & doubts) != 0 || s->expected > limit ||
+                 strcmp(out->stop, "no_overlap") == 0;
+}
+
 static sb_result score_outcome(const work *w, const outcome *out, const task *given, score *s, sb_error *error)
 {
     size_t n = (size_t)w->organ.node_count;
@@ -592,6 +608,7 @@ static sb_result score_outcome(const work *w, const outcome *out, const task *gi
         s->seconds_run = out->seconds_run;
         s->stop = out->stop;
         s->ran = 1;
+        score_trust(out, s);
     }
     free(moved);
     return result;
@@ -614,6 +631,8 @@ static void print_score(const char *name, const score *s)
     printf("  %-13s %7.3f %7.3f %7.2f | %7.3f %7.2f %8.3f | %7.3f %7.2f | %6.3f %6.3f %6.3f  %s\n", name, s->mean,
            s->median, s->most, s->surface_mean, s->surface_most, s->distance, s->marker_mean, s->marker_most,
            s->seconds_start, s->seconds_setup, s->seconds_run, s->stop);
+    if (s->flagged >= 0)
+        printf("  %-13s %7.3f expected%s\n", "", s->expected, s->flagged ? ", not to be trusted" : "");
 }
 
 /* Rows of a study must not depend on the machine: there it takes as long as it takes. */
@@ -786,6 +805,8 @@ static void write_heading(const work *w, int cases, char *text)
         if (w->method_on[m])
             append(text, ",%s_mean_mm,%s_median_mm,%s_most_mm,%s_markers_mm,%s_distance_mm,%s_stop", method_names[m],
                    method_names[m], method_names[m], method_names[m], method_names[m], method_names[m]);
+    if (w->method_on[METHOD_INFER])
+        append(text, ",infer_expected_mm,infer_flagged");
     append(text, "\n");
 }
 
@@ -801,6 +822,10 @@ static void write_row(const work *w, int k, int pattern, char *text)
         else if (w->method_on[m])
             append(text, ",,,,,,failed");
     }
+    if (w->method_on[METHOD_INFER] && w->scores[pattern][METHOD_INFER].ran)
+        append(text, ",%.6g,%d", w->scores[pattern][METHOD_INFER].expected, w->scores[pattern][METHOD_INFER].flagged);
+    else if (w->method_on[METHOD_INFER])
+        append(text, ",,");
     append(text, "\n");
 }
 
