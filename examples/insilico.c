@@ -573,18 +573,18 @@ static void score_points(const work *w, const sb_vec3 *moved, score *s)
     s->most = s->volume[n - 1];
 }
 
-/* What the method says of its own error. */
+/* What the method says of its own error, and whether it should be trusted to 5 mm. */
 static void score_trust(const outcome *out, score *s)
 {
-    const unsigned doubts = REG_WARN_AMBIGUOUS | REG_WARN_VIEW_SMALL | REG_WARN_SCALE | REG_WARN_MANY_OUTLIERS;
-    const double limit = 3; /* mm that may be expected where 5 are too many */
+    const double limit = 3; /* mm that may be expected */
+    const double least_seen = 0.15;
     reg_quality quality;
     s->flagged = -1;
     if (!out->infer || reg_infer_get_quality(out->infer, &quality) != SB_OK)
         return;
     s->expected = 1e3 * (double)quality.expected;
-    s->flagged = ((out->rigid.warnings | quality.warnings) & doubts) != 0 || s->expected > limit ||
-                 strcmp(out->stop, "no_overlap") == 0;
+    s->flagged = (out->rigid.warnings & (REG_WARN_AMBIGUOUS | REG_WARN_SCALE)) != 0 || s->expected > limit ||
+                 (double)quality.seen < least_seen || strcmp(out->stop, "no_overlap") == 0;
 }
 
 static sb_result score_outcome(const work *w, const outcome *out, const task *given, score *s, sb_error *error)
