@@ -595,6 +595,95 @@ static void test_frames(void)
     free_organ(&o);
 }
 
+/* An answer and what it expects of itself. */
+typedef struct found {
+    sb_vec3 *u;
+    sb_real *expected;
+} found;
+
+static found infer_points(const organ *o, reg_model *model, const sb_vec3 *points, int count, sb_vec3 camera)
+{
+    reg_infer_def def = def_of(o, NULL);
+    reg_infer *infer = NULL;
+    found f;
+    size_t n = (size_t)o->coarse.node_count;
+    f.u = (sb_vec3 *)calloc(n, sizeof *f.u);
+    f.expected = (sb_real *)calloc(n, sizeof *f.expected);
+    def.model = model;
+    def.target.points = points;
+    def.target.count = count;
+    def.target.has_camera = 1;
+    def.target.camera = camera;
+    def.rounds = 3;
+    if (CHECK_OK(reg_infer_run(&def, &infer, NULL))) {
+        CHECK_OK(reg_infer_displacements(infer, f.u));
+        CHECK_OK(reg_infer_expected(infer, f.expected));
+    }
+    reg_infer_destroy(infer);
+    return f;
+}
+
+/* Lengths of the second answer are `scale` times those of the first: how far they are apart, of the expected errors
+ * of the first. */
+static void compare_found(const char *name, const organ *o, const found *one, found *other, double scale, double most,
+                          double most_expected)
+{
+    double way = 0, change = 0, mean = 0;
+    int n = o->coarse.node_count;
+    for (int i = 0; i < n; i++) {
+        sb_vec3 off = sb_v3_sub(sb_v3_scale(REAL(1 / scale), other->u[i]), one->u[i]);
+        way = fmax(way, (double)sb_v3_norm(off));
+        change = fmax(change, fabs((double)other->expected[i] / (scale * (double)one->expected[i]) - 1));
+        mean += (double)one->expected[i] / n;
+    }
+    printf("  %-8s answers %.1e of the error to expect apart, that by %.1e of it\n", name, way / mean, change);
+    CHECK(way <= most * mean);
+    CHECK(change <= most_expected);
+    free(other->u);
+    free(other->expected);
+}
+
+/* Neither the order of points, nor that all are there twice, nor the unit of length is told by the answer. */
+static void test_points(void)
+{
+    organ o;
+    if (make_organ(&o, 91, 0.05, NULL)) {
+        const double unit = 50, exact = sizeof(sb_real) == 8 ? 1e-9 : 0.05, near = sizeof(sb_real) == 8 ? 1e-3 : 0.05;
+        sb_mesh part = part_of(&o, sb_v3(0, 0, 1), 0.6);
+        int n = part.node_count;
+        sb_vec3 *points = (sb_vec3 *)malloc(2 * (size_t)n * sizeof *points), camera = sb_v3(0, 0, 1);
+        found as_is = infer_points(&o, o.model, part.nodes, n, camera), other;
+        reg_model_def def = reg_default_model_def();
+        reg_model *larger = NULL;
+        for (int i = 0; i < n; i++)
+            points[i] = part.nodes[n - 1 - i];
+        other = infer_points(&o, o.model, points, n, camera);
+        compare_found("turned", &o, &as_is, &other, 1, exact, exact);
+        for (int i = 0; i < n; i++)
+            points[2 * i] = points[2 * i + 1] = part.nodes[i];
+        other = infer_points(&o, o.model, points, 2 * n, camera);
+        compare_found("doubled", &o, &as_is, &other, 1, fmax(near, 0.01), 0.05);
+        for (int i = 0; i < n; i++)
+            points[i] = sb_v3_scale(REAL(unit), part.nodes[i]);
+        for (int i = 0; i < o.coarse.node_count; i++)
+            o.coarse.nodes[i] = sb_v3_scale(REAL(unit), o.coarse.nodes[i]);
+        for (int i = 0; i < o.outline.node_count; i++)
+            o.outline.nodes[i] = sb_v3_scale(REAL(unit), o.outline.nodes[i]);
+        def.mesh = &o.coarse;
+        def.surface = &o.outline;
+        if (CHECK_OK(reg_model_create(&def, &larger, NULL))) {
+            other = infer_points(&o, larger, points, n, sb_v3_scale(REAL(unit), camera));
+            compare_found("larger", &o, &as_is, &other, unit, near, near);
+        }
+        reg_model_destroy(larger);
+        free(as_is.u);
+        free(as_is.expected);
+        free(points);
+        sb_mesh_free(&part);
+    }
+    free_organ(&o);
+}
+
 static void test_threads(void)
 {
     unsigned long long hash[2] = {0, 1};
@@ -775,5 +864,5 @@ static void test_memory(void)
 
 CHECK_SUITE(infer, {"organs", test_organs}, {"small_views", test_small_views}, {"still", test_still},
             {"landmarks", test_landmarks}, {"cantilever", test_cantilever}, {"frames", test_frames},
-            {"threads", test_threads}, {"caps", test_caps}, {"refusals", test_refusals},
+            {"points", test_points}, {"threads", test_threads}, {"caps", test_caps}, {"refusals", test_refusals},
             {"failing allocations", test_memory});

@@ -7,7 +7,7 @@
 enum { REGI_INFER_GRAVITIES = 4, REGI_INFER_MISFITS = 5, REGI_INFER_LOCAL = 4 };
 
 /* How far about a patch others are off alike, in distances of the model's nodes. */
-#define REGI_INFER_ALIKE 1.4
+#define REGI_INFER_ALIKE 1.65
 
 /* Places of their own must explain more than loads everywhere by so many nats, tempered. */
 static const double regi_infer_earned = 3;

@@ -9,7 +9,7 @@ REGI_API double regi_infer_now(const reg_infer *infer) { return infer->def->cloc
 
 /* ---- patches ---- */
 
-/* Centres spread evenly over the points, each point to the closest; points are sorted by patch, else as they were. */
+/* Centres spread evenly over the points, each point to the closest. at: the centres, then. */
 static sb_result regi_infer_cut(reg_infer *f, int patches, sb_vec3 *at, int *chosen, int *count, sb_error *error)
 {
     reg_kdtree *tree = NULL;
@@ -33,6 +33,24 @@ static sb_result regi_infer_cut(reg_infer *f, int patches, sb_vec3 *at, int *cho
     return SB_OK;
 }
 
+/* A patch's centre is the first of its points, whatever order they came in. */
+static void regi_infer_put_centres_first(reg_infer *f, const sb_vec3 *at)
+{
+    for (int s = 0; s < f->look.patch_count; s++) {
+        regi_look_point *first = f->look.points + f->look.patch_start[s], centre;
+        for (int i = f->look.patch_start[s]; i < f->look.patch_start[s + 1]; i++) {
+            sb_vec3 off = sb_v3_sub(f->look.points[i].at, at[s]);
+            if (sb_v3_dot(off, off) > 0)
+                continue;
+            centre = f->look.points[i];
+            f->look.points[i] = *first;
+            *first = centre;
+            break;
+        }
+    }
+}
+
+/* Points sorted by patch. */
 REGI_API sb_result regi_infer_group(reg_infer *f, int patches, sb_error *error)
 {
     size_t n = (size_t)f->look.point_count;
@@ -52,6 +70,7 @@ REGI_API sb_result regi_infer_group(reg_infer *f, int patches, sb_error *error)
         memmove(f->look.patch_start + 1, f->look.patch_start, (size_t)f->look.patch_count * sizeof(int));
         f->look.patch_start[0] = 0;
         memcpy(f->look.points, sorted, n * sizeof *sorted);
+        regi_infer_put_centres_first(f, at);
     }
     sbi_free(&f->allocator, chosen);
     sbi_free(&f->allocator, at);
