@@ -257,8 +257,8 @@ static int make_slab(work *w)
         return organ_complain_memory(o);
     }
     for (int k = 0; k < DOME_NODES; k++) {
-        double x = (double)o->low.x - margin + (wide + 2 * margin) * (k % DOME_SIDE) / DOME_CELLS;
-        double y = (double)o->low.y - margin + (deep + 2 * margin) * (int)(k / DOME_SIDE) / DOME_CELLS;
+        double x = (double)o->low.x - margin + (wide + 2 * margin) * (k % DOME_SIDE) / (double)DOME_CELLS;
+        double y = (double)o->low.y - margin + (deep + 2 * margin) * (int)(k / DOME_SIDE) / (double)DOME_CELLS;
         heights[k] = bowl_height(o, x, y);
         dome[k] = sb_v3(REAL(x), REAL(y), 0);
         dome[DOME_NODES + k] = sb_v3(REAL(x), REAL(y), o->high.z + REAL(margin));
