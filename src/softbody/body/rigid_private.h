@@ -66,11 +66,14 @@ typedef struct sbi_rigids {
     int *made_on, made_capacity; /* of a change under way: index of the one that each node made is to hang on, or -1 */
 } sbi_rigids;
 
-/* ---- rigid.c ---- */
+/* ---- rigid_list.c ---- */
 /* An empty one with room for so many nodes; NULL: no memory. */
 SBI_API sbi_rigid *sbi_rigid_make(const sb_allocator *allocator, int capacity);
 SBI_API void sbi_rigid_free(const sb_allocator *allocator, sbi_rigid *rigid);
 SBI_API void sbi_rigids_free(const sb_allocator *allocator, sbi_rigids *rigids); /* NULL is fine */
+/* Lists with room for so many nodes; 0: no memory. Those that there are stay. */
+SBI_API int sbi_rigid_take_lists(const sb_allocator *allocator, sbi_rigid *rigid, int capacity);
+SBI_API sb_result sbi_rigid_no_memory(sb_error *error, int nodes);
 /* 1: a mass and an inertia. */
 SBI_API int sbi_rigid_has_inertia(double mass, const double inertia[9]);
 /* The rigid body that a node hangs on, or NULL. */
@@ -84,17 +87,32 @@ SBI_API sb_result sbi_body_check_not_hung(const sb_body *body, const int *nodes,
 SBI_API sb_result sbi_body_refuse_rigids(const sb_body *body, const char *what, sb_error *error);
 /* Adds what their guests have, for room. */
 SBI_API void sbi_rigids_count(const sb_body *body, int *unknowns, int *nodes);
-/* What steps need of conjugate gradients with these (NULL: none), and this matrix. */
-SBI_API sb_result sbi_body_reserve_rigids(sb_body *body, sbi_rigids *rigids, const sb_matrix *matrix, sb_error *error);
 /* Back to where they were added, at rest. */
 SBI_API void sbi_body_reset_rigids(sb_body *body);
+/* Matrix of a unit quaternion w x y z, row-major. */
+SBI_API void sbi_rigid_matrix(const double turn[4], double r[9]);
+SBI_API void sbi_rigid_get(sb_vec3 v, double out[3]);
+/* out = R^T v */
+SBI_API void sbi_rigid_into_frame(const double turn[4], const double v[3], double out[3]);
+/* Place of a node in the ascending list, or where it would stand. */
+SBI_API int sbi_rigid_place_of(const sbi_rigid *rigid, int node);
+/* Arm of a node as it is now. */
+SBI_API void sbi_rigid_make_arm(const sb_body *body, const sbi_rigid *rigid, int node, double arm[3]);
+/* A node comes to those that hang. 0: it does already, or there is no room. */
+SBI_API int sbi_rigid_hang(const sb_body *body, sbi_rigid *rigid, int node);
+/* A node hangs no longer. */
+SBI_API void sbi_rigid_let_go(sbi_rigid *rigid, int node);
+
+/* ---- rigid_follow.c ---- */
 /* A change of the mesh is to come: room for nodes that will hang, or a refusal. Then: it has happened. */
 SBI_API sb_result sbi_rigids_reserve(const sb_body *body, const sb_mesh_change *change, sb_error *error);
 SBI_API void sbi_rigids_follow(sb_body *body, const sb_mesh_change *change);
 
+/* ---- rigid_reserve.c ---- */
+/* What steps need of conjugate gradients with these (NULL: none), and this matrix. */
+SBI_API sb_result sbi_body_reserve_rigids(sb_body *body, sbi_rigids *rigids, const sb_matrix *matrix, sb_error *error);
+
 /* ---- rigid_step.c ---- */
-/* Matrix of a unit quaternion w x y z, row-major. */
-SBI_API void sbi_rigid_matrix(const double turn[4], double r[9]);
 /* Its guest, which acts on these nodes. */
 SBI_API void sbi_rigid_make_guest(sbi_rigid *rigid, const int *nodes, int count);
 /* A step begins: its guests are those of its caller, and the body's rigid bodies. SB_ERROR_UNSUPPORTED. */

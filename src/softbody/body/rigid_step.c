@@ -75,14 +75,6 @@ static void sbi_rigid_add_skew(double s, const double v[3], double m[9])
 
 static const double sbi_rigid_unit[9] = {1, 0, 0, 0, 1, 0, 0, 0, 1};
 
-SBI_API void sbi_rigid_matrix(const double q[4], double r[9])
-{
-    double w = q[0], x = q[1], y = q[2], z = q[3];
-    r[0] = 1 - 2 * (y * y + z * z), r[1] = 2 * (x * y - w * z), r[2] = 2 * (x * z + w * y);
-    r[3] = 2 * (x * y + w * z), r[4] = 1 - 2 * (x * x + z * z), r[5] = 2 * (y * z - w * x);
-    r[6] = 2 * (x * z - w * y), r[7] = 2 * (y * z + w * x), r[8] = 1 - 2 * (x * x + y * y);
-}
-
 static void sbi_rigid_exp(const double th[3], double q[4])
 {
     double angle = sbi_rigid_norm(th), s, c, factor;
