@@ -13480,7 +13480,7 @@ REGI_API sb_result regi_infer_round(reg_infer *f, int round, sb_error *error)
  * truth of 95 % (whole), 93 % (views of 30 %) and 90 % (10 %) of the nodes of the 48 cases that this was tuned on, 92,
  * 94 and 81 % of the 52 others (infer.h). */
 #define REGI_INFER_ALPHA_FULL 1.3
-#define REGI_INFER_ALPHA_VIEW 1.7
+#define REGI_INFER_ALPHA_VIEW 1.4
 
 /* Views of less of the surface than this are small. */
 #define REGI_INFER_SMALL 0.15
