@@ -9,8 +9,8 @@
 
 /* What the predicted deviations are multiplied by, for full views and for parts. With them regions of 95 % hold the
  * truth of 97 % (whole) and 99 % (views) of the nodes of twelve organs like those of the test infer/organs, and errors
- * are 0.95 of those to expect in the geometric mean of 96 cases of insilico (tests/bench/registration.md). Parts had 1.7
- * while errors that patches have alike counted as independent. */
+ * are 0.95 of those to expect in the geometric mean of 96 cases of insilico (tests/bench/registration.md). Parts
+ * had 1.7 while errors that patches have alike counted as independent. */
 #define REGI_INFER_ALPHA_FULL 1.3
 #define REGI_INFER_ALPHA_VIEW 1.4
 
