@@ -1351,10 +1351,9 @@ REG_API int reg_model_node_count(const reg_model *model); /* 0 for NULL */
  * 26 and 4 of 13 views, never above 1.1 times the rigid start's error. Of the nodes 93 %, 90 % (views of 10 %) and 93 %
  * were within their regions of 95 %. From a whole surface reg_loads was closer in 10 of 13: take that. (All that was
  * measured when the answer went all of the way, see `sure`.) Beyond that generator: in 96 cases of examples/insilico
- * with 0.5 and 3 mm of noise that nothing was tuned on (prescribed motions of four kinds on three organs, whole and from
- * one side) errors were 0.74 times the start's in geometric mean, never above 1.1 times, and all 31 above 5 mm were
- * flagged, but so was half of the others.
- * Give the model some 2,000 nodes.
+ * with 0.5 and 3 mm of noise that nothing was tuned on (prescribed motions of four kinds on three organs, whole and
+ * from one side) errors were 0.74 times the start's in geometric mean, never above 1.1 times, and all 31 above 5 mm
+ * were flagged, but so was half of the others. Give the model some 2,000 nodes.
  *
  * Sources: Rucker et al. 2013 and Heiselman et al. 2020 for responses to loads nobody knows; Matheron's rule for draws
  * (Wilson et al. 2021). */
