@@ -1418,7 +1418,8 @@ REG_API void reg_infer_destroy(reg_infer *infer); /* NULL is fine; the model sta
  * Without landmarks all answers stop short of the elastic shape by as much as it is unsure for how far from the start
  * it is (quality.sure). What is left of the way is in the errors to expect. */
 REG_API sb_result reg_infer_displacements(const reg_infer *infer, sb_vec3 *displacements);
-/* forces[nodes] (N for a Young's modulus of 1000 Pa: they scale with it) that are found to act, weight included. */
+/* forces[nodes] (N for a Young's modulus of 1000 Pa: they scale with it) that are found to act, weight included: those
+ * of the whole way, of which the answer goes quality.sure. */
 REG_API sb_result reg_infer_forces(const reg_infer *infer, sb_vec3 *forces);
 /* expected[nodes]: root mean square error (m) to expect of each node. */
 REG_API sb_result reg_infer_expected(const reg_infer *infer, sb_real *expected);

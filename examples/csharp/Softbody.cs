@@ -6698,7 +6698,8 @@ public static unsafe class Native
     [DllImport(Library, CallingConvention = CallingConvention.Cdecl)]
     public static extern sb_result reg_infer_displacements(reg_infer* infer, sb_vec3* displacements);
     /// <summary>
-    /// forces[nodes] (N for a Young's modulus of 1000 Pa: they scale with it) that are found to act, weight included.
+    /// forces[nodes] (N for a Young's modulus of 1000 Pa: they scale with it) that are found to act, weight included: those
+    /// of the whole way, of which the answer goes quality.sure.
     /// </summary>
     [DllImport(Library, CallingConvention = CallingConvention.Cdecl)]
     public static extern sb_result reg_infer_forces(reg_infer* infer, sb_vec3* forces);
