@@ -1392,11 +1392,15 @@ typedef struct reg_infer_def {
                          * of the size */
     sb_real start_turn; /* and of its turn (rad), in (0, 10]; default 0.2 */
     int gravity;        /* 1 (default): the weight may have changed, as where a patient is turned; 0: it did not */
-    int samples;        /* patches that the target is grouped into, [30, 1000]; default 300. Time grows with it */
-    int rounds;         /* at most, [1, 100]; default 5: more gain little */
-    double max_seconds; /* > 0, with a clock: no round begins that would end later; default 1e9 */
-    sb_clock clock;     /* default NULL: times read 0 */
-    unsigned cookie;    /* set by reg_default_infer_def */
+    const sb_real *pressed; /* [model's nodes], in [0, 1], or NULL (default): a pressure, of either sign and any size,
+                             * may press on the skin besides, with such a share of it at each node: gas in the abdomen
+                             * on what it reaches, water in a cyst. Say so where you know it: of other loads nobody
+                             * expects that they are alike in all places. Its sum is carried by other loads */
+    int samples;            /* patches that the target is grouped into, [30, 1000]; default 300. Time grows with it */
+    int rounds;             /* at most, [1, 100]; default 5: more gain little */
+    double max_seconds;     /* > 0, with a clock: no round begins that would end later; default 1e9 */
+    sb_clock clock;         /* default NULL: times read 0 */
+    unsigned cookie;        /* set by reg_default_infer_def */
 } reg_infer_def;
 REG_API reg_infer_def reg_default_infer_def(void);
 
@@ -1443,10 +1447,11 @@ typedef enum reg_infer_stop {
 
 /* What the loads that won are like. */
 typedef enum reg_prior_kind {
-    REG_PRIOR_RIGID = 0,  /* loads explain hardly more than a pose does: by less than 3 nats */
-    REG_PRIOR_SMOOTH = 1, /* tractions of like size everywhere */
-    REG_PRIOR_LOCAL = 2,  /* tractions of some places */
-    REG_PRIOR_GRAVITY = 3 /* a weight, and tractions that carry it */
+    REG_PRIOR_RIGID = 0,   /* loads explain hardly more than a pose does: by less than 3 nats */
+    REG_PRIOR_SMOOTH = 1,  /* tractions of like size everywhere */
+    REG_PRIOR_LOCAL = 2,   /* tractions of some places */
+    REG_PRIOR_GRAVITY = 3, /* a weight, and tractions that carry it */
+    REG_PRIOR_PRESSURE = 4 /* a pressure on what is `pressed`, and other tractions; there may be a weight, too */
 } reg_prior_kind;
 
 typedef struct reg_quality {
@@ -1455,6 +1460,8 @@ typedef struct reg_quality {
                         * motion; LOW_CONTRAST: the pose is open by 2 % of the size or 5 degrees */
     reg_prior_kind prior;
     sb_real prior_margin;             /* log evidence over that of no loads, tempered */
+    sb_real pressure_margin;          /* log evidence of a pressure on what is pressed over none, tempered; 0: none */
+    sb_real pressure;                 /* found there, for a Young's modulus of 1000 Pa (Pa, > 0: inwards) */
     sb_real belief;                   /* share of the way from the start to the elastic shape that the answer goes: */
     sb_real sure;                     /* this times that; less than 1 the less sure the way is for its length */
     sb_real seen;                     /* share of the model's surface with points of the target near */
@@ -1475,7 +1482,7 @@ typedef struct reg_quality {
 } reg_quality;
 /* SB_ERROR_ARGUMENT. */
 REG_API sb_result reg_infer_get_quality(const reg_infer *infer, reg_quality *quality);
-/* "rigid", "smooth", "local", "gravity"; "converged", "rounds", "time". */
+/* "rigid", "smooth", "local", "gravity", "pressure"; "converged", "rounds", "time". */
 REG_API const char *reg_prior_string(reg_prior_kind prior);
 REG_API const char *reg_infer_stop_string(reg_infer_stop stop);
 
@@ -12480,7 +12487,7 @@ enum {
     REGI_INFER_POSE = 6,    /* moves along the axes and turns about them; a seventh column of the pose is an offset of
                              * all points across the surface: of a scan, of a segmentation, or of facets, which bulge
                              * less than what they stand for. Without it they would be the work of a pressure */
-    REGI_INFER_WEIGHT = 3,  /* columns of the weight */
+    REGI_INFER_WEIGHT = 3,  /* columns of the weight, after those of tractions; then that of a pressure */
     REGI_INFER_REGIONS = 40 /* of unknown stiffness */
 };
 
@@ -12491,6 +12498,8 @@ enum {
 /* What the prior of the loads is like. */
 typedef struct regi_infer_choice {
     double gravity;  /* sd of the weight, in shares of scale times area */
+    double pressure; /* and of that on what is pressed, in shares of scale */
+    double earned;   /* log evidence that it has over none */
     double misfit;   /* m */
     double scale;    /* Pa */
     double evidence; /* log */
@@ -12509,7 +12518,7 @@ struct reg_infer {
     reg_quality quality;
     void *memory;
     int node_count, landmark_count;
-    int loads;               /* 3 per control point, then the weight's: 3 c + 3 */
+    int loads;               /* 3 per control point, the weight's, and that of a pressure where there may be one */
     double begun;            /* on the clock */
     int *patch_of;           /* [count of data] patch, or -1 - component of a landmark */
     double *averaged;        /* [data] m^2: the part of the variance that averages out */
@@ -12528,18 +12537,19 @@ struct reg_infer {
     double *datum;               /* [most] scratch */
     double *chances;             /* [DRAWS][loads + REGI_GAUSS_POSES + most] */
     sb_vec3 *tractions;          /* [c] scratch */
-    double *drift;               /* [REGI_RESPONSE_MODES][most] what modes as forces do to data, then forces that stop
-                                  * their drift */
-    sb_vec3 *row;                /* [REG_INFER_DRAWS][nodes] */
-    sb_vec3 *skin;               /* [skin nodes] where they are (m) */
-    sb_vec3 *forces;             /* [nodes] found (N) */
-    sb_vec3 *increment, *trial;  /* [nodes] */
-    sb_vec3 *shape;              /* [nodes] displacements found (m) */
-    sb_vec3 *errors;             /* [DRAWS][nodes] of draws (m), calibrated */
-    sb_real *expected;           /* [nodes] m */
-    sb_vec3 *cell_force;         /* [cells][nodes per cell] internal forces (N) */
-    sb_vec3 *poisson_force;      /* [nodes] what 0.02 of Poisson's ratio do to them (N) */
-    sb_real *region;             /* [cells][REGIONS] shares */
+    sb_vec3 *pressing;          /* [c] traction of the unit pressure where the organ is now; NULL: nothing is pressed */
+    double *drift;              /* [REGI_RESPONSE_MODES][most] what modes as forces do to data, then forces that stop
+                                 * their drift */
+    sb_vec3 *row;               /* [REG_INFER_DRAWS][nodes] */
+    sb_vec3 *skin;              /* [skin nodes] where they are (m) */
+    sb_vec3 *forces;            /* [nodes] found (N) */
+    sb_vec3 *increment, *trial; /* [nodes] */
+    sb_vec3 *shape;             /* [nodes] displacements found (m) */
+    sb_vec3 *errors;            /* [DRAWS][nodes] of draws (m), calibrated */
+    sb_real *expected;          /* [nodes] m */
+    sb_vec3 *cell_force;        /* [cells][nodes per cell] internal forces (N) */
+    sb_vec3 *poisson_force;     /* [nodes] what 0.02 of Poisson's ratio do to them (N) */
+    sb_real *region;            /* [cells][REGIONS] shares */
     double pose_sd[REGI_INFER_POSE]; /* m, rad */
     double pose[REGI_INFER_POSE];    /* reached: m, rad */
     double next[REGI_GAUSS_POSES];   /* found in this round; the offset last (m) */
@@ -12582,8 +12592,12 @@ REGI_API void regi_infer_set_misfit(reg_infer *infer, double misfit);
 REGI_API int regi_infer_set_prior(reg_infer *infer, const regi_infer_choice *choice);
 /* Chooses length, weight, misfit, scale and local scale; the gauss has them. 0: it cannot. */
 REGI_API int regi_infer_choose(reg_infer *infer);
-/* Tractions [c] (Pa) and weight (N) of loads in the gauss' units. */
-REGI_API void regi_infer_unfold(const reg_infer *infer, const double *c, sb_vec3 *tractions, sb_vec3 *weight);
+/* Tractions [c] (Pa), less those of the pressure, of loads in the gauss' units. */
+REGI_API void regi_infer_unfold(const reg_infer *infer, const double *c, sb_vec3 *tractions);
+/* The pressure among them (Pa); 0: there is none. */
+REGI_API double regi_infer_pressure(const reg_infer *infer, const double *c);
+/* Forces [nodes] (N) of loads in the gauss' units. Uses `tractions`. */
+REGI_API void regi_infer_load(reg_infer *infer, const double *c, sb_vec3 *forces);
 
 /* ---- infer_respond ---- */
 /* Responses, gaps and resultants of the data at hand. */
@@ -12819,7 +12833,7 @@ REGI_API double regi_infer_measure(const reg_infer *f, int datum, const sb_vec3 
 #include <math.h>
 #include <string.h>
 
-enum { REGI_INFER_GRAVITIES = 4, REGI_INFER_MISFITS = 5, REGI_INFER_LOCAL = 4 };
+enum { REGI_INFER_SIZES = 4, REGI_INFER_MISFITS = 5, REGI_INFER_LOCAL = 4 };
 
 /* How far about a patch others are off alike, in distances of the model's nodes. */
 #define REGI_INFER_ALIKE 1.65
@@ -12879,22 +12893,31 @@ static void regi_infer_fill_tractions(reg_infer *f)
             regi_infer_fill_strip(f, axis, i, sbi_min_int(REGI_BLOCK_WIDTH, rows - i));
 }
 
-static void regi_infer_fill_weight(reg_infer *f, double gravity)
+/* Deviation of a load that acts on the organ as a whole, in scales: of the weight (m^2), or of a pressure. */
+static double regi_infer_whole_unit(const reg_infer *f, const regi_infer_choice *choice, int load)
 {
-    int first = f->loads - REGI_INFER_WEIGHT, rows = f->gauss.count + f->gauss.exact;
-    size_t m = (size_t)f->gauss.most;
-    for (int axis = 0; axis < REGI_INFER_WEIGHT; axis++)
-        for (int i = 0; i < rows; i++)
-            f->gauss.columns[(size_t)(first + axis) * m + (size_t)i] =
-                gravity * f->model->prior.area * f->raw[(size_t)(first + axis) * m + (size_t)i];
+    int weights = load < 3 * f->model->prior.control_count + REGI_INFER_WEIGHT;
+    return weights ? choice->gravity * f->model->prior.area : choice->pressure;
 }
 
-/* Columns of tractions are there: the weight's of a choice, loads without resultants, gram and variances. */
+/* columns of the weight and of a pressure. */
+static void regi_infer_fill_whole(reg_infer *f, const regi_infer_choice *choice)
+{
+    int rows = f->gauss.count + f->gauss.exact;
+    size_t m = (size_t)f->gauss.most;
+    for (int load = 3 * f->model->prior.control_count; load < f->loads; load++) {
+        double unit = regi_infer_whole_unit(f, choice, load);
+        for (int i = 0; i < rows; i++)
+            f->gauss.columns[(size_t)load * m + (size_t)i] = unit * f->raw[(size_t)load * m + (size_t)i];
+    }
+}
+
+/* Columns of tractions are there: the others of a choice, loads without resultants, gram and variances. */
 static void regi_infer_bind_prior(reg_infer *f, const regi_infer_choice *choice)
 {
     regi_gauss *g = &f->gauss;
     g->loads = f->loads;
-    regi_infer_fill_weight(f, choice->gravity);
+    regi_infer_fill_whole(f, choice);
     for (int e = 0; e < g->exact; e++)
         for (int b = 0; b < g->loads; b++)
             g->resultants[(size_t)e * (size_t)g->most_loads + (size_t)b] =
@@ -12915,11 +12938,9 @@ REGI_API int regi_infer_set_prior(reg_infer *f, const regi_infer_choice *choice)
     return 1;
 }
 
-REGI_API void regi_infer_unfold(const reg_infer *f, const double *loads, sb_vec3 *tractions, sb_vec3 *weight)
+REGI_API void regi_infer_unfold(const reg_infer *f, const double *loads, sb_vec3 *tractions)
 {
     int c = f->model->prior.control_count;
-    double unit = f->choice.gravity * f->model->prior.area;
-    const double *w = loads + 3 * c;
     for (int j = 0; j < c; j++) {
         double sum[3] = {0, 0, 0};
         for (int k = 0; k <= j; k++)
@@ -12927,7 +12948,23 @@ REGI_API void regi_infer_unfold(const reg_infer *f, const double *loads, sb_vec3
                 sum[axis] += f->root[(size_t)j * (size_t)c + (size_t)k] * loads[3 * k + axis];
         tractions[j] = sb_v3((sb_real)sum[0], (sb_real)sum[1], (sb_real)sum[2]);
     }
-    *weight = sb_v3((sb_real)(unit * w[0]), (sb_real)(unit * w[1]), (sb_real)(unit * w[2]));
+}
+
+REGI_API double regi_infer_pressure(const reg_infer *f, const double *loads)
+{
+    return f->pressing ? regi_infer_whole_unit(f, &f->choice, f->loads - 1) * loads[f->loads - 1] : 0;
+}
+
+REGI_API void regi_infer_load(reg_infer *f, const double *loads, sb_vec3 *forces)
+{
+    int c = f->model->prior.control_count;
+    double unit = regi_infer_whole_unit(f, &f->choice, 3 * c), pressure = regi_infer_pressure(f, loads);
+    const double *w = loads + 3 * c;
+    regi_infer_unfold(f, loads, f->tractions);
+    for (int j = 0; f->pressing && j < c; j++)
+        f->tractions[j] = sb_v3_madd(f->tractions[j], (sb_real)pressure, f->pressing[j]);
+    regi_prior_forces(&f->model->prior, f->tractions,
+                      sb_v3((sb_real)(unit * w[0]), (sb_real)(unit * w[1]), (sb_real)(unit * w[2])), forces);
 }
 
 /* ---- evidence on the grid ---- */
@@ -12941,7 +12978,7 @@ static int regi_infer_extend(reg_infer *f)
         return 0;
     regi_infer_fill_tractions(f);
     g->count = rows;
-    g->loads = f->loads - REGI_INFER_WEIGHT;
+    g->loads = 3 * f->model->prior.control_count;
     regi_gauss_multiply(g);
     g->count = count;
     g->loads = f->loads;
@@ -12949,16 +12986,16 @@ static int regi_infer_extend(reg_infer *f)
     return 1;
 }
 
-/* gram: that of `extended` and a weight, among loads without resultants: its last rows are eliminated. */
-static void regi_infer_weigh_gram(reg_infer *f, double gravity)
+/* gram: that of `extended`, a weight and a pressure, among loads without resultants: its last rows are eliminated. */
+static void regi_infer_weigh_gram(reg_infer *f, const regi_infer_choice *choice)
 {
     regi_gauss *g = &f->gauss;
     size_t m = (size_t)g->most;
     int rows = g->count + g->exact;
-    regi_infer_fill_weight(f, gravity);
+    regi_infer_fill_whole(f, choice);
     memcpy(g->gram, f->extended, (size_t)rows * m * sizeof(double));
-    for (int axis = 0; axis < REGI_INFER_WEIGHT; axis++) {
-        const double *w = g->columns + (size_t)(f->loads - REGI_INFER_WEIGHT + axis) * m;
+    for (int load = 3 * f->model->prior.control_count; load < f->loads; load++) {
+        const double *w = g->columns + (size_t)load * m;
         for (int i = 0; i < rows; i++)
             for (int j = i; j < rows; j++)
                 g->gram[(size_t)i * m + (size_t)j] += w[i] * w[j];
@@ -13009,26 +13046,38 @@ static int regi_infer_search_misfit(reg_infer *f, regi_infer_choice *best)
     return 1;
 }
 
-/* Weight and misfit: the misfit without a weight, then the weight; with one, the misfit is looked for again. */
+/* The best size of the weight, or of the pressure, at the misfit at hand: `best`, and none, which it has so far. */
+static int regi_infer_search_whole(reg_infer *f, int presses, regi_infer_choice *best)
+{
+    static const double sizes[REGI_INFER_SIZES] = {1, 10, 100, 1000};
+    const regi_infer_choice none = *best;
+    for (int k = 0; k < (presses ? REGI_INFER_SIZES : REGI_INFER_SIZES - 1); k++) {
+        regi_infer_choice trial = none;
+        *(presses ? &trial.pressure : &trial.gravity) = sizes[k];
+        regi_infer_weigh_gram(f, &trial);
+        regi_gauss_reduce(&f->gauss);
+        if (!regi_infer_weigh_misfit(f, &trial))
+            return 0;
+        trial.earned = presses ? trial.evidence - none.evidence : 0;
+        if (trial.evidence > best->evidence)
+            *best = trial;
+    }
+    return 1;
+}
+
+/* Weight, pressure and misfit: the misfit with neither, then each of them; the misfit is looked for again with them. */
 static int regi_infer_search(reg_infer *f, regi_infer_choice *best)
 {
-    static const double gravities[REGI_INFER_GRAVITIES] = {0, 1, 10, 100};
-    regi_infer_choice trial;
     memset(best, 0, sizeof *best);
     if (!regi_infer_extend(f))
         return 0;
-    for (int k = 0; k < (f->def->gravity ? REGI_INFER_GRAVITIES : 1); k++) {
-        trial = *best;
-        trial.gravity = gravities[k];
-        regi_infer_weigh_gram(f, trial.gravity);
-        regi_gauss_reduce(&f->gauss);
-        if (!(k == 0 ? regi_infer_search_misfit(f, &trial) : regi_infer_weigh_misfit(f, &trial)))
-            return 0;
-        if (k == 0 || trial.evidence > best->evidence)
-            *best = trial;
-    }
+    regi_infer_weigh_gram(f, best);
+    regi_gauss_reduce(&f->gauss);
+    if (!regi_infer_search_misfit(f, best) || (f->def->gravity && !regi_infer_search_whole(f, 0, best)) ||
+        (f->pressing && !regi_infer_search_whole(f, 1, best)))
+        return 0;
     regi_infer_bind_prior(f, best);
-    if (!(best->gravity > 0))
+    if (!(best->gravity > 0 || best->pressure > 0))
         return 1;
     regi_gauss_reduce(&f->gauss);
     return regi_infer_search_misfit(f, best);
@@ -13068,9 +13117,8 @@ static void regi_infer_expect_energy(reg_infer *f)
     regi_gauss *g = &f->gauss;
     int c = f->model->prior.control_count;
     double square = g->scale * g->scale;
-    sb_vec3 weight;
     regi_gauss_explain(g, g->multiplier, f->c, f->next);
-    regi_infer_unfold(f, f->c, f->tractions, &weight);
+    regi_infer_unfold(f, f->c, f->tractions);
     for (int j = 0; j < c; j++) {
         const double *root = f->root + (size_t)j * (size_t)c;
         double left = 0;
@@ -13197,6 +13245,7 @@ REGI_API int regi_infer_choose(reg_infer *f)
         !regi_gauss_spectrum(&f->gauss))
         return 0;
     f->temper = regi_infer_find_temper(f);
+    f->quality.pressure_margin = (sb_real)(f->temper * f->choice.earned);
     f->quality.prior_margin = (sb_real)(f->temper * (f->choice.evidence - regi_gauss_evidence(&f->gauss, 0)));
     return 1;
 }
@@ -13350,10 +13399,63 @@ static void regi_infer_sum_up(reg_infer *f)
     }
 }
 
+/* areas[nodes]: those of the boundary's facets at each node, twice and more than once (m^2), outward, where the organ
+ * is at x. */
+static void regi_infer_sum_areas(const reg_infer *f, const sb_vec3 *x, sb_vec3 *areas)
+{
+    const sb_mesh *surface = &f->model->boundary.surface;
+    const int *node = f->model->boundary.nodes;
+    int width = sb_mesh_element_width(surface);
+    int is_quad = sb_element_straight(surface->element_type) == SB_QUAD4;
+    memset(areas, 0, (size_t)f->node_count * sizeof *areas);
+    for (int e = 0; e < surface->element_count; e++) {
+        const int *facet = surface->elements + (size_t)e * (size_t)width;
+        sb_vec3 first = sb_v3_sub(x[node[facet[is_quad ? 2 : 1]]], x[node[facet[0]]]); /* a diagonal, or a side */
+        sb_vec3 second = sb_v3_sub(x[node[facet[is_quad ? 3 : 2]]], x[node[facet[is_quad ? 1 : 0]]]);
+        for (int a = 0; a < width; a++)
+            areas[node[facet[a]]] = sb_v3_add(areas[node[facet[a]]], sb_v3_cross(first, second));
+    }
+}
+
+/* tractions[nodes], per area at rest, of the unit pressure on the boundary where the organ is now. */
+static void regi_infer_find_push(const reg_infer *f, sb_vec3 *tractions)
+{
+    sb_vec3 *rest = tractions + f->node_count;
+    regi_infer_sum_areas(f, sb_body_positions(f->model->body), tractions);
+    regi_infer_sum_areas(f, f->model->mesh.nodes, rest);
+    for (int i = 0; i < f->node_count; i++) {
+        sb_real area = sb_v3_norm(rest[i]);
+        tractions[i] = sb_v3_scale(area > 0 ? -f->def->pressed[i] / area : 0, tractions[i]);
+    }
+}
+
+/* The unit pressure where the organ is now as tractions of the control points, and what data and resultants do under
+ * it, which is then known without another solve. */
+static void regi_infer_press(reg_infer *f)
+{
+    const regi_prior *p = &f->model->prior;
+    size_t m = (size_t)f->gauss.most;
+    int rows = f->gauss.count + f->gauss.exact;
+    double *to = f->raw + (size_t)(f->loads - 1) * m;
+    sb_vec3 whole;
+    regi_infer_find_push(f, f->row);
+    regi_prior_collect(p, f->row, f->pressing, &whole);
+    memset(to, 0, (size_t)rows * sizeof *to);
+    for (int j = 0; j < p->control_count; j++) {
+        const double *from = f->raw + 3 * (size_t)j * m;
+        f->pressing[j] = sb_v3_scale(p->areas[j] > 0 ? (sb_real)(1 / p->areas[j]) : 0, f->pressing[j]);
+        for (int s = 0; s < rows; s++)
+            to[s] += (double)f->pressing[j].x * from[s] + (double)f->pressing[j].y * from[m + (size_t)s] +
+                     (double)f->pressing[j].z * from[2 * m + (size_t)s];
+    }
+}
+
 REGI_API void regi_infer_respond(reg_infer *f)
 {
     regi_infer_measure_data(f);
     regi_infer_sum_up(f);
+    if (f->pressing)
+        regi_infer_press(f);
 }
 
 /* ==== src/register/infer_round.c ==== */
@@ -13434,15 +13536,14 @@ static sb_result regi_infer_move(reg_infer *f, sb_error *error)
 /* The posterior's mean: forces, and where they take the organ from its present shape. */
 static sb_result regi_infer_solve(reg_infer *f, int round, sb_error *error)
 {
-    sb_vec3 weight;
     int good = round == 0 ? regi_infer_choose(f) : regi_infer_set_prior(f, &f->choice) && regi_gauss_solve(&f->gauss);
     if (!good)
         return sbi_fail(error, SB_ERROR_NOT_CONVERGED, "loads and pose cannot be told from what is seen");
     regi_gauss_explain(&f->gauss, f->gauss.multiplier, f->c, f->next);
     for (int k = 0; k < REGI_INFER_POSE; k++)
         f->next[k] *= f->pose_sd[k];
-    regi_infer_unfold(f, f->c, f->tractions, &weight);
-    regi_prior_forces(&f->model->prior, f->tractions, weight, f->forces);
+    f->quality.pressure = (sb_real)regi_infer_pressure(f, f->c);
+    regi_infer_load(f, f->c, f->forces);
     for (int i = 0; i < f->node_count; i++)
         f->increment[i] = sb_v3_sub(f->forces[i], f->response.residual[i]);
     regi_response_solve(&f->response, f->increment, 1);
@@ -13652,7 +13753,6 @@ static void regi_infer_condition_draw(reg_infer *f, const double *z, const sb_ve
                                       double pose[REGI_GAUSS_POSES])
 {
     regi_gauss *g = &f->gauss;
-    sb_vec3 weight;
     for (int b = 0; b < g->loads; b++)
         f->draw[b] = g->scale * *z++;
     for (int b = 0; b + 3 <= g->loads; b += 3)
@@ -13667,8 +13767,7 @@ static void regi_infer_condition_draw(reg_infer *f, const double *z, const sb_ve
     regi_gauss_condition(g, f->draw, pose, f->datum);
     for (int k = 0; k < REGI_INFER_POSE; k++)
         pose[k] *= f->pose_sd[k];
-    regi_infer_unfold(f, f->draw, f->tractions, &weight);
-    regi_prior_forces(&f->model->prior, f->tractions, weight, forces);
+    regi_infer_load(f, f->draw, forces);
 }
 
 /* errors += what forces and pose of a draw do. */
@@ -13874,6 +13973,7 @@ static void regi_infer_summarise(reg_infer *f)
     }
     q->expected = (sb_real)sum;
     q->prior = f->quality.prior_margin < 3 ? REG_PRIOR_RIGID
+               : f->choice.pressure > 0    ? REG_PRIOR_PRESSURE
                : f->choice.gravity > 0     ? REG_PRIOR_GRAVITY
                : f->choice.is_local        ? REG_PRIOR_LOCAL
                                            : REG_PRIOR_SMOOTH;
@@ -13993,6 +14093,10 @@ static sb_result regi_infer_check(const reg_infer_def *def, sb_error *error)
         if (!(def->landmarks[i].sd >= 0))
             return sbi_fail_node(error, SB_ERROR_ARGUMENT, i, "sd of landmark %d is below 0", i);
     }
+    for (int i = 0; def->pressed && i < def->model->mesh.node_count; i++)
+        if (!(def->pressed[i] >= 0 && def->pressed[i] <= 1))
+            return sbi_fail_node(error, SB_ERROR_ARGUMENT, i, "node %d is pressed by %g of a pressure: not 0 to 1", i,
+                                 (double)def->pressed[i]);
     return regi_infer_check_points(&def->target, error);
 }
 
@@ -14092,6 +14196,7 @@ static void regi_infer_layout(reg_infer *f, sbi_arena *arena)
     f->datum = (double *)sbi_arena_take(arena, most, real);
     f->chances = (double *)sbi_arena_take(arena, loads + REGI_GAUSS_POSES + most, REG_INFER_DRAWS * real);
     f->tractions = (sb_vec3 *)sbi_arena_take(arena, c, vec);
+    f->pressing = f->def->pressed ? (sb_vec3 *)sbi_arena_take(arena, c, vec) : NULL;
     f->drift = (double *)sbi_arena_take(arena, REGI_RESPONSE_MODES, most * real);
     f->row = (sb_vec3 *)sbi_arena_take(arena, n, REG_INFER_DRAWS * vec);
     f->skin = (sb_vec3 *)sbi_arena_take(arena, (size_t)f->model->skin.node_count, vec);
@@ -14202,7 +14307,7 @@ static sb_result regi_infer_make(reg_infer *f, const sb_mesh *triangles, sb_erro
     f->look.size = f->model->size;
     f->look.has_camera = f->def->target.has_camera;
     f->look.camera = f->def->target.camera;
-    f->loads = 3 * f->model->prior.control_count + REGI_INFER_WEIGHT;
+    f->loads = 3 * f->model->prior.control_count + REGI_INFER_WEIGHT + (f->def->pressed != NULL);
     f->look.point_count = triangles ? triangles->node_count : f->def->target.count;
     f->look.patch_count = sbi_min_int(f->def->samples, f->look.point_count);
     for (int i = 0; i < f->def->landmark_count; i++)
@@ -14382,6 +14487,7 @@ REG_API const char *reg_prior_string(reg_prior_kind prior)
     case REG_PRIOR_SMOOTH: return "smooth";
     case REG_PRIOR_LOCAL: return "local";
     case REG_PRIOR_GRAVITY: return "gravity";
+    case REG_PRIOR_PRESSURE: return "pressure";
     default: return "unknown prior";
     }
 }

@@ -21,8 +21,9 @@
  * --seen-from or landmarks), 4 one was written that is not to be trusted: cut off by its time, of another size, or
  * still far from the target (--force: 0 for these). A small distance does not tell how far off what was not seen is:
  * --method infer does, after stop=REASON: expected_mm=E expected_worst_mm=W prior=KIND, mean and worst over the model's
- * nodes, and as `expected` (m) of each node in the VTK file. It is the method for views of a part; from a whole surface
- * pbsm is closer. Above --limit, or with less than 15 % of the organ seen, the status is 4. */
+ * nodes, and as `expected` (m) of each node in the VTK file; with --gas gas_pa=P before these, the pressure (Pa) that
+ * an organ of --young is under. It is the method for views of a part; from a whole surface pbsm is closer. Above
+ * --limit, or with less than 15 % of the organ seen, the status is 4. */
 #include "system.h"
 
 #if defined(_OPENMP)
@@ -41,7 +42,7 @@ enum { EXIT_USAGE = 2, EXIT_FAILED = 3, EXIT_DOUBTFUL = 4 };
 
 typedef struct settings {
     const char *method, *surface, *landmarks, *fix, *targets, *targets_out, *displacement, *out, *picture, *camera,
-        *seen_from;
+        *seen_from, *gas;
     int linear, partial, aligned, any, noisy, plain, force, cells, steps, help;
     double scale, young, poisson, seconds, limit;
 } settings;
@@ -52,9 +53,9 @@ typedef struct work {
     method how;
     sb_mesh model, surface, target;
     reg_cloud cloud;
-    int has_surface, has_target, has_camera, has_seen_from;
-    sb_vec3 camera;    /* m */
-    sb_vec3 seen_from; /* of any length */
+    int has_surface, has_target, has_camera, has_seen_from, has_gas;
+    sb_vec3 camera;         /* m */
+    sb_vec3 seen_from, gas; /* of any length */
     sb_vec3 *landmarks, *landmark_targets;
     int landmark_count;
     int *fixed, fixed_count;
@@ -278,13 +279,17 @@ static int parse_place(const work *w, const char *name, const char *text, sb_vec
     return 0;
 }
 
-static int parse_view(work *w)
+static int parse_directions(work *w)
 {
     int status = parse_place(w, "--camera", w->set->camera, &w->camera, &w->has_camera);
     if (!status)
         status = parse_place(w, "--seen-from", w->set->seen_from, &w->seen_from, &w->has_seen_from);
     if (!status && w->has_seen_from && !(sb_v3_norm(w->seen_from) > 0))
         status = complain("--seen-from", "0,0,0 is no direction");
+    if (!status)
+        status = parse_place(w, "--gas", w->set->gas, &w->gas, &w->has_gas);
+    if (!status && w->has_gas && !(sb_v3_norm(w->gas) > 0))
+        status = complain("--gas", "0,0,0 is no direction");
     return status;
 }
 
@@ -342,7 +347,7 @@ static int face_camera(work *w, const char *path)
 /* Which way the target faces, where a camera tells; else the rigid start finds out. */
 static int face_target(work *w, const char *path)
 {
-    int status = parse_view(w);
+    int status = parse_directions(w);
     return status || !w->has_camera ? status : face_camera(w, path);
 }
 
@@ -756,6 +761,7 @@ static task make_task(const work *w)
     given.facing = !w->has_camera;
     given.camera = w->has_camera ? &w->camera : NULL;
     given.seen_from = w->has_seen_from ? &w->seen_from : NULL;
+    given.gas = w->has_gas ? &w->gas : NULL;
     given.loads = !set->plain && !set->linear;
     given.fixed = w->fixed;
     given.fixed_count = w->fixed_count;
@@ -870,6 +876,8 @@ static int run(work *w, double begun, const char *target)
         return EXIT_USAGE;
     printf("iterations=%d steps_per_second=%.2f seconds=%.3f distance_mm=%.4f stop=%s", w->out.iterations,
            w->out.seconds_run > 0 ? w->out.iterations / w->out.seconds_run : 0.0, seconds, 1e3 * distance, w->out.stop);
+    if (w->has_gas)
+        printf(" gas_pa=%.4g", (double)quality.pressure * w->set->young / 1000);
     if (w->out.infer)
         printf(" expected_mm=%.2f expected_worst_mm=%.2f prior=%s", 1e3 * (double)quality.expected,
                1e3 * (double)quality.expected_worst, reg_prior_string(quality.prior));
@@ -901,6 +909,8 @@ static int check_settings(const settings *set, const char *const files[2])
     }
     if (method_find(set->method, strlen(set->method)) == METHOD_COUNT)
         return complain(set->method, "is no method: pbsm, pbsm-laplace, nicp, icp, cpd or infer");
+    if (set->gas && method_find(set->method, strlen(set->method)) != METHOD_INFER)
+        return complain("--gas", "goes with --method infer only");
     if (!set->targets != !set->targets_out) {
         fputs("register_liver: --targets and --targets-out go together\n", stderr);
         return EXIT_USAGE;
@@ -912,8 +922,8 @@ static int check_settings(const settings *set, const char *const files[2])
 
 static int program(int argc, char **argv)
 {
-    settings set = {"pbsm", NULL, NULL, NULL, NULL, NULL, NULL, NULL, NULL, NULL, NULL, 0,  0,
-                    0,      0,    0,    0,    0,    12,   300,  0,    1,    5000, 0.45, 60, 5};
+    settings set = {"pbsm", NULL, NULL, NULL, NULL, NULL, NULL, NULL, NULL, NULL, NULL, NULL, 0, 0,
+                    0,      0,    0,    0,    0,    12,   300,  0,    1,    5000, 0.45, 60,   5};
     const char *files[2] = {NULL, NULL};
     const option options[] = {
         {"--method", "NAME", OPTION_TEXT, NULL, NULL, &set.method, 0, 0,
@@ -930,6 +940,8 @@ static int program(int argc, char **argv)
          "from where the target was seen, in its frame and unit: normals are made or turned to face it"},
         {"--seen-from", "X,Y,Z", OPTION_TEXT, NULL, NULL, &set.seen_from, 0, 0,
          "direction from the organ to the camera, in the model's frame, within some 30 degrees"},
+        {"--gas", "X,Y,Z", OPTION_TEXT, NULL, NULL, &set.gas, 0, 0,
+         "infer only: gas may press on what of the organ faces this direction, in the model's frame"},
         {"--any", NULL, OPTION_FLAG, &set.any, NULL, NULL, 0, 0,
          "of two poses that are about as likely take the likelier one, instead of exit status 3"},
         {"--limit", "MM", OPTION_NUMBER, NULL, &set.limit, NULL, 1e-9, 1e9,

@@ -43,9 +43,10 @@ typedef struct task {
     int landmark_count;
     const sb_vec3 *camera;    /* m, in the target's frame, or NULL */
     const sb_vec3 *seen_from; /* from the organ to the camera, in the model's frame, within about 30 degrees, or NULL */
-    double young, poisson;    /* Pa */
-    int steps;                /* most of them */
-    double max_seconds;       /* of the rigid start, and of what follows it */
+    const sb_vec3 *gas;    /* infer: gas may press on what of the skin faces this way, in the model's frame, or NULL */
+    double young, poisson; /* Pa */
+    int steps;             /* most of them */
+    double max_seconds;    /* of the rigid start, and of what follows it */
     void (*progress)(double share, const char *words); /* or NULL */
 } task;
 
@@ -944,14 +945,44 @@ static inline reg_landmark *task_infer_landmarks(const task *given)
     return marks;
 }
 
+/* Of each node of the model 1 where its skin faces the gas, else 0; NULL: not enough memory. */
+static inline sb_real *task_find_pressed(const task *given)
+{
+    size_t n = (size_t)given->model->node_count;
+    sb_real *pressed = (sb_real *)calloc(n + 1, sizeof *pressed);
+    sb_vec3 *normals = (sb_vec3 *)calloc(n + 1, sizeof *normals);
+    sb_boundary skin;
+    int made = pressed && normals && sb_mesh_boundary(given->model, 1, NULL, &skin, NULL) == SB_OK;
+    for (int e = 0; made && e < skin.surface.element_count; e++) {
+        int width = sb_mesh_element_width(&skin.surface);
+        const int *facet = skin.surface.elements + (size_t)e * (size_t)width;
+        sb_vec3 x = skin.surface.nodes[facet[0]];
+        sb_vec3 area =
+            sb_v3_cross(sb_v3_sub(skin.surface.nodes[facet[1]], x), sb_v3_sub(skin.surface.nodes[facet[2]], x));
+        for (int a = 0; a < width; a++)
+            normals[skin.nodes[facet[a]]] = sb_v3_add(normals[skin.nodes[facet[a]]], area);
+    }
+    for (size_t i = 0; made && i < n; i++)
+        pressed[i] = (sb_real)(sb_v3_dot(normals[i], *given->gas) > 0);
+    if (made) {
+        sb_boundary_free(&skin);
+    } else {
+        free(pressed);
+        pressed = NULL;
+    }
+    free(normals);
+    return pressed;
+}
+
 static inline sb_result task_infer(const task *given, outcome *out, sb_error *error)
 {
     reg_infer_def def = reg_default_infer_def();
     reg_landmark *marks = task_infer_landmarks(given);
+    sb_real *pressed = given->gas ? task_find_pressed(given) : NULL;
     reg_quality quality;
     double begun = seconds_now();
-    sb_result result =
-        marks ? task_make_organ(given, out, error) : task_fail(error, SB_ERROR_MEMORY, "not enough memory");
+    sb_result result = marks && (pressed || !given->gas) ? task_make_organ(given, out, error)
+                                                         : task_fail(error, SB_ERROR_MEMORY, "not enough memory");
     out->seconds_setup = seconds_now() - begun;
     def.model = out->organ;
     def.target.surface = given->target;
@@ -965,6 +996,7 @@ static inline sb_result task_infer(const task *given, outcome *out, sb_error *er
         def.target.camera = *given->camera;
     def.landmarks = marks;
     def.landmark_count = given->landmark_count;
+    def.pressed = pressed;
     def.start = out->start;
     def.max_seconds = given->max_seconds;
     def.clock = seconds_now;
@@ -979,6 +1011,7 @@ static inline sb_result task_infer(const task *given, outcome *out, sb_error *er
         out->stop = infer_stop_name(quality.stop);
     }
     out->seconds_run = seconds_now() - begun;
+    free(pressed);
     free(marks);
     return result;
 }

@@ -770,6 +770,11 @@ if [ -n "$data" ] && [ -e "$case_of_liver/coarse_tet4.vtk" ]; then
         "$part_of_liver" --method infer --limit 0.1
     expect 0 'not to be trusted: the error to expect is above' register_liver "$case_of_liver/coarse_tet4.vtk" \
         "$part_of_liver" --method infer --limit 0.1 --force
+    expect 0 "^iterations=.* gas_pa=[-+.e0-9]*$sure" register_liver "$case_of_liver/coarse_tet4.vtk" "$part_of_liver" \
+        --method infer --gas 0,0,1
+    expect 2 'gas: goes with --method infer only' register_liver "$case_of_liver/coarse_tet4.vtk" "$part_of_liver" --gas 0,0,1
+    expect 2 '0,0,0 is no direction' register_liver "$case_of_liver/coarse_tet4.vtk" "$part_of_liver" --method infer \
+        --gas 0,0,0
     echo '1972' >bad.txt
     expect 2 'bad.txt:1: no node' register_liver "$case_of_liver/coarse_tet4.vtk" \
         "$case_of_liver/deformed_surface.obj" --fix bad.txt

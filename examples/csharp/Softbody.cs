@@ -494,6 +494,7 @@ public enum reg_prior_kind
     REG_PRIOR_SMOOTH = 1,
     REG_PRIOR_LOCAL = 2,
     REG_PRIOR_GRAVITY = 3,
+    REG_PRIOR_PRESSURE = 4,
 }
 public enum reg_track_state
 {
@@ -2677,6 +2678,7 @@ public unsafe struct reg_infer_def
     public double start_sd;
     public double start_turn;
     public int gravity;
+    public double* pressed;
     public int samples;
     public int rounds;
     public double max_seconds;
@@ -2691,6 +2693,8 @@ public unsafe struct reg_quality
     public uint warnings;
     public reg_prior_kind prior;
     public double prior_margin;
+    public double pressure_margin;
+    public double pressure;
     public double belief;
     public double sure;
     public double seen;
@@ -6723,7 +6727,7 @@ public static unsafe class Native
     [DllImport(Library, CallingConvention = CallingConvention.Cdecl)]
     public static extern sb_result reg_infer_get_quality(reg_infer* infer, reg_quality* quality);
     /// <summary>
-    /// "rigid", "smooth", "local", "gravity"; "converged", "rounds", "time".
+    /// "rigid", "smooth", "local", "gravity", "pressure"; "converged", "rounds", "time".
     /// </summary>
     [DllImport(Library, CallingConvention = CallingConvention.Cdecl)]
     public static extern byte* reg_prior_string(reg_prior_kind prior);

@@ -74,6 +74,10 @@ static sb_result regi_infer_check(const reg_infer_def *def, sb_error *error)
         if (!(def->landmarks[i].sd >= 0))
             return sbi_fail_node(error, SB_ERROR_ARGUMENT, i, "sd of landmark %d is below 0", i);
     }
+    for (int i = 0; def->pressed && i < def->model->mesh.node_count; i++)
+        if (!(def->pressed[i] >= 0 && def->pressed[i] <= 1))
+            return sbi_fail_node(error, SB_ERROR_ARGUMENT, i, "node %d is pressed by %g of a pressure: not 0 to 1", i,
+                                 (double)def->pressed[i]);
     return regi_infer_check_points(&def->target, error);
 }
 
@@ -173,6 +177,7 @@ static void regi_infer_layout(reg_infer *f, sbi_arena *arena)
     f->datum = (double *)sbi_arena_take(arena, most, real);
     f->chances = (double *)sbi_arena_take(arena, loads + REGI_GAUSS_POSES + most, REG_INFER_DRAWS * real);
     f->tractions = (sb_vec3 *)sbi_arena_take(arena, c, vec);
+    f->pressing = f->def->pressed ? (sb_vec3 *)sbi_arena_take(arena, c, vec) : NULL;
     f->drift = (double *)sbi_arena_take(arena, REGI_RESPONSE_MODES, most * real);
     f->row = (sb_vec3 *)sbi_arena_take(arena, n, REG_INFER_DRAWS * vec);
     f->skin = (sb_vec3 *)sbi_arena_take(arena, (size_t)f->model->skin.node_count, vec);
@@ -283,7 +288,7 @@ static sb_result regi_infer_make(reg_infer *f, const sb_mesh *triangles, sb_erro
     f->look.size = f->model->size;
     f->look.has_camera = f->def->target.has_camera;
     f->look.camera = f->def->target.camera;
-    f->loads = 3 * f->model->prior.control_count + REGI_INFER_WEIGHT;
+    f->loads = 3 * f->model->prior.control_count + REGI_INFER_WEIGHT + (f->def->pressed != NULL);
     f->look.point_count = triangles ? triangles->node_count : f->def->target.count;
     f->look.patch_count = sbi_min_int(f->def->samples, f->look.point_count);
     for (int i = 0; i < f->def->landmark_count; i++)
@@ -463,6 +468,7 @@ REG_API const char *reg_prior_string(reg_prior_kind prior)
     case REG_PRIOR_SMOOTH: return "smooth";
     case REG_PRIOR_LOCAL: return "local";
     case REG_PRIOR_GRAVITY: return "gravity";
+    case REG_PRIOR_PRESSURE: return "pressure";
     default: return "unknown prior";
     }
 }

@@ -72,11 +72,15 @@ typedef struct reg_infer_def {
                          * of the size */
     sb_real start_turn; /* and of its turn (rad), in (0, 10]; default 0.2 */
     int gravity;        /* 1 (default): the weight may have changed, as where a patient is turned; 0: it did not */
-    int samples;        /* patches that the target is grouped into, [30, 1000]; default 300. Time grows with it */
-    int rounds;         /* at most, [1, 100]; default 5: more gain little */
-    double max_seconds; /* > 0, with a clock: no round begins that would end later; default 1e9 */
-    sb_clock clock;     /* default NULL: times read 0 */
-    unsigned cookie;    /* set by reg_default_infer_def */
+    const sb_real *pressed; /* [model's nodes], in [0, 1], or NULL (default): a pressure, of either sign and any size,
+                             * may press on the skin besides, with such a share of it at each node: gas in the abdomen
+                             * on what it reaches, water in a cyst. Say so where you know it: of other loads nobody
+                             * expects that they are alike in all places. Its sum is carried by other loads */
+    int samples;            /* patches that the target is grouped into, [30, 1000]; default 300. Time grows with it */
+    int rounds;             /* at most, [1, 100]; default 5: more gain little */
+    double max_seconds;     /* > 0, with a clock: no round begins that would end later; default 1e9 */
+    sb_clock clock;         /* default NULL: times read 0 */
+    unsigned cookie;        /* set by reg_default_infer_def */
 } reg_infer_def;
 REG_API reg_infer_def reg_default_infer_def(void);
 
@@ -123,10 +127,11 @@ typedef enum reg_infer_stop {
 
 /* What the loads that won are like. */
 typedef enum reg_prior_kind {
-    REG_PRIOR_RIGID = 0,  /* loads explain hardly more than a pose does: by less than 3 nats */
-    REG_PRIOR_SMOOTH = 1, /* tractions of like size everywhere */
-    REG_PRIOR_LOCAL = 2,  /* tractions of some places */
-    REG_PRIOR_GRAVITY = 3 /* a weight, and tractions that carry it */
+    REG_PRIOR_RIGID = 0,   /* loads explain hardly more than a pose does: by less than 3 nats */
+    REG_PRIOR_SMOOTH = 1,  /* tractions of like size everywhere */
+    REG_PRIOR_LOCAL = 2,   /* tractions of some places */
+    REG_PRIOR_GRAVITY = 3, /* a weight, and tractions that carry it */
+    REG_PRIOR_PRESSURE = 4 /* a pressure on what is `pressed`, and other tractions; there may be a weight, too */
 } reg_prior_kind;
 
 typedef struct reg_quality {
@@ -135,6 +140,8 @@ typedef struct reg_quality {
                         * motion; LOW_CONTRAST: the pose is open by 2 % of the size or 5 degrees */
     reg_prior_kind prior;
     sb_real prior_margin;             /* log evidence over that of no loads, tempered */
+    sb_real pressure_margin;          /* log evidence of a pressure on what is pressed over none, tempered; 0: none */
+    sb_real pressure;                 /* found there, for a Young's modulus of 1000 Pa (Pa, > 0: inwards) */
     sb_real belief;                   /* share of the way from the start to the elastic shape that the answer goes: */
     sb_real sure;                     /* this times that; less than 1 the less sure the way is for its length */
     sb_real seen;                     /* share of the model's surface with points of the target near */
@@ -155,7 +162,7 @@ typedef struct reg_quality {
 } reg_quality;
 /* SB_ERROR_ARGUMENT. */
 REG_API sb_result reg_infer_get_quality(const reg_infer *infer, reg_quality *quality);
-/* "rigid", "smooth", "local", "gravity"; "converged", "rounds", "time". */
+/* "rigid", "smooth", "local", "gravity", "pressure"; "converged", "rounds", "time". */
 REG_API const char *reg_prior_string(reg_prior_kind prior);
 REG_API const char *reg_infer_stop_string(reg_infer_stop stop);
 

@@ -183,7 +183,6 @@ static void regi_infer_condition_draw(reg_infer *f, const double *z, const sb_ve
                                       double pose[REGI_GAUSS_POSES])
 {
     regi_gauss *g = &f->gauss;
-    sb_vec3 weight;
     for (int b = 0; b < g->loads; b++)
         f->draw[b] = g->scale * *z++;
     for (int b = 0; b + 3 <= g->loads; b += 3)
@@ -198,8 +197,7 @@ static void regi_infer_condition_draw(reg_infer *f, const double *z, const sb_ve
     regi_gauss_condition(g, f->draw, pose, f->datum);
     for (int k = 0; k < REGI_INFER_POSE; k++)
         pose[k] *= f->pose_sd[k];
-    regi_infer_unfold(f, f->draw, f->tractions, &weight);
-    regi_prior_forces(&f->model->prior, f->tractions, weight, forces);
+    regi_infer_load(f, f->draw, forces);
 }
 
 /* errors += what forces and pose of a draw do. */
@@ -405,6 +403,7 @@ static void regi_infer_summarise(reg_infer *f)
     }
     q->expected = (sb_real)sum;
     q->prior = f->quality.prior_margin < 3 ? REG_PRIOR_RIGID
+               : f->choice.pressure > 0    ? REG_PRIOR_PRESSURE
                : f->choice.gravity > 0     ? REG_PRIOR_GRAVITY
                : f->choice.is_local        ? REG_PRIOR_LOCAL
                                            : REG_PRIOR_SMOOTH;

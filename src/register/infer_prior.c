@@ -4,7 +4,7 @@
 #include <math.h>
 #include <string.h>
 
-enum { REGI_INFER_GRAVITIES = 4, REGI_INFER_MISFITS = 5, REGI_INFER_LOCAL = 4 };
+enum { REGI_INFER_SIZES = 4, REGI_INFER_MISFITS = 5, REGI_INFER_LOCAL = 4 };
 
 /* How far about a patch others are off alike, in distances of the model's nodes. */
 #define REGI_INFER_ALIKE 1.65
@@ -64,22 +64,31 @@ static void regi_infer_fill_tractions(reg_infer *f)
             regi_infer_fill_strip(f, axis, i, sbi_min_int(REGI_BLOCK_WIDTH, rows - i));
 }
 
-static void regi_infer_fill_weight(reg_infer *f, double gravity)
+/* Deviation of a load that acts on the organ as a whole, in scales: of the weight (m^2), or of a pressure. */
+static double regi_infer_whole_unit(const reg_infer *f, const regi_infer_choice *choice, int load)
 {
-    int first = f->loads - REGI_INFER_WEIGHT, rows = f->gauss.count + f->gauss.exact;
-    size_t m = (size_t)f->gauss.most;
-    for (int axis = 0; axis < REGI_INFER_WEIGHT; axis++)
-        for (int i = 0; i < rows; i++)
-            f->gauss.columns[(size_t)(first + axis) * m + (size_t)i] =
-                gravity * f->model->prior.area * f->raw[(size_t)(first + axis) * m + (size_t)i];
+    int weights = load < 3 * f->model->prior.control_count + REGI_INFER_WEIGHT;
+    return weights ? choice->gravity * f->model->prior.area : choice->pressure;
 }
 
-/* Columns of tractions are there: the weight's of a choice, loads without resultants, gram and variances. */
+/* columns of the weight and of a pressure. */
+static void regi_infer_fill_whole(reg_infer *f, const regi_infer_choice *choice)
+{
+    int rows = f->gauss.count + f->gauss.exact;
+    size_t m = (size_t)f->gauss.most;
+    for (int load = 3 * f->model->prior.control_count; load < f->loads; load++) {
+        double unit = regi_infer_whole_unit(f, choice, load);
+        for (int i = 0; i < rows; i++)
+            f->gauss.columns[(size_t)load * m + (size_t)i] = unit * f->raw[(size_t)load * m + (size_t)i];
+    }
+}
+
+/* Columns of tractions are there: the others of a choice, loads without resultants, gram and variances. */
 static void regi_infer_bind_prior(reg_infer *f, const regi_infer_choice *choice)
 {
     regi_gauss *g = &f->gauss;
     g->loads = f->loads;
-    regi_infer_fill_weight(f, choice->gravity);
+    regi_infer_fill_whole(f, choice);
     for (int e = 0; e < g->exact; e++)
         for (int b = 0; b < g->loads; b++)
             g->resultants[(size_t)e * (size_t)g->most_loads + (size_t)b] =
@@ -100,11 +109,9 @@ REGI_API int regi_infer_set_prior(reg_infer *f, const regi_infer_choice *choice)
     return 1;
 }
 
-REGI_API void regi_infer_unfold(const reg_infer *f, const double *loads, sb_vec3 *tractions, sb_vec3 *weight)
+REGI_API void regi_infer_unfold(const reg_infer *f, const double *loads, sb_vec3 *tractions)
 {
     int c = f->model->prior.control_count;
-    double unit = f->choice.gravity * f->model->prior.area;
-    const double *w = loads + 3 * c;
     for (int j = 0; j < c; j++) {
         double sum[3] = {0, 0, 0};
         for (int k = 0; k <= j; k++)
@@ -112,7 +119,23 @@ REGI_API void regi_infer_unfold(const reg_infer *f, const double *loads, sb_vec3
                 sum[axis] += f->root[(size_t)j * (size_t)c + (size_t)k] * loads[3 * k + axis];
         tractions[j] = sb_v3((sb_real)sum[0], (sb_real)sum[1], (sb_real)sum[2]);
     }
-    *weight = sb_v3((sb_real)(unit * w[0]), (sb_real)(unit * w[1]), (sb_real)(unit * w[2]));
+}
+
+REGI_API double regi_infer_pressure(const reg_infer *f, const double *loads)
+{
+    return f->pressing ? regi_infer_whole_unit(f, &f->choice, f->loads - 1) * loads[f->loads - 1] : 0;
+}
+
+REGI_API void regi_infer_load(reg_infer *f, const double *loads, sb_vec3 *forces)
+{
+    int c = f->model->prior.control_count;
+    double unit = regi_infer_whole_unit(f, &f->choice, 3 * c), pressure = regi_infer_pressure(f, loads);
+    const double *w = loads + 3 * c;
+    regi_infer_unfold(f, loads, f->tractions);
+    for (int j = 0; f->pressing && j < c; j++)
+        f->tractions[j] = sb_v3_madd(f->tractions[j], (sb_real)pressure, f->pressing[j]);
+    regi_prior_forces(&f->model->prior, f->tractions,
+                      sb_v3((sb_real)(unit * w[0]), (sb_real)(unit * w[1]), (sb_real)(unit * w[2])), forces);
 }
 
 /* ---- evidence on the grid ---- */
@@ -126,7 +149,7 @@ static int regi_infer_extend(reg_infer *f)
         return 0;
     regi_infer_fill_tractions(f);
     g->count = rows;
-    g->loads = f->loads - REGI_INFER_WEIGHT;
+    g->loads = 3 * f->model->prior.control_count;
     regi_gauss_multiply(g);
     g->count = count;
     g->loads = f->loads;
@@ -134,16 +157,16 @@ static int regi_infer_extend(reg_infer *f)
     return 1;
 }
 
-/* gram: that of `extended` and a weight, among loads without resultants: its last rows are eliminated. */
-static void regi_infer_weigh_gram(reg_infer *f, double gravity)
+/* gram: that of `extended`, a weight and a pressure, among loads without resultants: its last rows are eliminated. */
+static void regi_infer_weigh_gram(reg_infer *f, const regi_infer_choice *choice)
 {
     regi_gauss *g = &f->gauss;
     size_t m = (size_t)g->most;
     int rows = g->count + g->exact;
-    regi_infer_fill_weight(f, gravity);
+    regi_infer_fill_whole(f, choice);
     memcpy(g->gram, f->extended, (size_t)rows * m * sizeof(double));
-    for (int axis = 0; axis < REGI_INFER_WEIGHT; axis++) {
-        const double *w = g->columns + (size_t)(f->loads - REGI_INFER_WEIGHT + axis) * m;
+    for (int load = 3 * f->model->prior.control_count; load < f->loads; load++) {
+        const double *w = g->columns + (size_t)load * m;
         for (int i = 0; i < rows; i++)
             for (int j = i; j < rows; j++)
                 g->gram[(size_t)i * m + (size_t)j] += w[i] * w[j];
@@ -194,26 +217,38 @@ static int regi_infer_search_misfit(reg_infer *f, regi_infer_choice *best)
     return 1;
 }
 
-/* Weight and misfit: the misfit without a weight, then the weight; with one, the misfit is looked for again. */
+/* The best size of the weight, or of the pressure, at the misfit at hand: `best`, and none, which it has so far. */
+static int regi_infer_search_whole(reg_infer *f, int presses, regi_infer_choice *best)
+{
+    static const double sizes[REGI_INFER_SIZES] = {1, 10, 100, 1000};
+    const regi_infer_choice none = *best;
+    for (int k = 0; k < (presses ? REGI_INFER_SIZES : REGI_INFER_SIZES - 1); k++) {
+        regi_infer_choice trial = none;
+        *(presses ? &trial.pressure : &trial.gravity) = sizes[k];
+        regi_infer_weigh_gram(f, &trial);
+        regi_gauss_reduce(&f->gauss);
+        if (!regi_infer_weigh_misfit(f, &trial))
+            return 0;
+        trial.earned = presses ? trial.evidence - none.evidence : 0;
+        if (trial.evidence > best->evidence)
+            *best = trial;
+    }
+    return 1;
+}
+
+/* Weight, pressure and misfit: the misfit with neither, then each of them; the misfit is looked for again with them. */
 static int regi_infer_search(reg_infer *f, regi_infer_choice *best)
 {
-    static const double gravities[REGI_INFER_GRAVITIES] = {0, 1, 10, 100};
-    regi_infer_choice trial;
     memset(best, 0, sizeof *best);
     if (!regi_infer_extend(f))
         return 0;
-    for (int k = 0; k < (f->def->gravity ? REGI_INFER_GRAVITIES : 1); k++) {
-        trial = *best;
-        trial.gravity = gravities[k];
-        regi_infer_weigh_gram(f, trial.gravity);
-        regi_gauss_reduce(&f->gauss);
-        if (!(k == 0 ? regi_infer_search_misfit(f, &trial) : regi_infer_weigh_misfit(f, &trial)))
-            return 0;
-        if (k == 0 || trial.evidence > best->evidence)
-            *best = trial;
-    }
+    regi_infer_weigh_gram(f, best);
+    regi_gauss_reduce(&f->gauss);
+    if (!regi_infer_search_misfit(f, best) || (f->def->gravity && !regi_infer_search_whole(f, 0, best)) ||
+        (f->pressing && !regi_infer_search_whole(f, 1, best)))
+        return 0;
     regi_infer_bind_prior(f, best);
-    if (!(best->gravity > 0))
+    if (!(best->gravity > 0 || best->pressure > 0))
         return 1;
     regi_gauss_reduce(&f->gauss);
     return regi_infer_search_misfit(f, best);
@@ -253,9 +288,8 @@ static void regi_infer_expect_energy(reg_infer *f)
     regi_gauss *g = &f->gauss;
     int c = f->model->prior.control_count;
     double square = g->scale * g->scale;
-    sb_vec3 weight;
     regi_gauss_explain(g, g->multiplier, f->c, f->next);
-    regi_infer_unfold(f, f->c, f->tractions, &weight);
+    regi_infer_unfold(f, f->c, f->tractions);
     for (int j = 0; j < c; j++) {
         const double *root = f->root + (size_t)j * (size_t)c;
         double left = 0;
@@ -382,6 +416,7 @@ REGI_API int regi_infer_choose(reg_infer *f)
         !regi_gauss_spectrum(&f->gauss))
         return 0;
     f->temper = regi_infer_find_temper(f);
+    f->quality.pressure_margin = (sb_real)(f->temper * f->choice.earned);
     f->quality.prior_margin = (sb_real)(f->temper * (f->choice.evidence - regi_gauss_evidence(&f->gauss, 0)));
     return 1;
 }

@@ -14,7 +14,7 @@ enum {
     REGI_INFER_POSE = 6,    /* moves along the axes and turns about them; a seventh column of the pose is an offset of
                              * all points across the surface: of a scan, of a segmentation, or of facets, which bulge
                              * less than what they stand for. Without it they would be the work of a pressure */
-    REGI_INFER_WEIGHT = 3,  /* columns of the weight */
+    REGI_INFER_WEIGHT = 3,  /* columns of the weight, after those of tractions; then that of a pressure */
     REGI_INFER_REGIONS = 40 /* of unknown stiffness */
 };
 
@@ -25,6 +25,8 @@ enum {
 /* What the prior of the loads is like. */
 typedef struct regi_infer_choice {
     double gravity;  /* sd of the weight, in shares of scale times area */
+    double pressure; /* and of that on what is pressed, in shares of scale */
+    double earned;   /* log evidence that it has over none */
     double misfit;   /* m */
     double scale;    /* Pa */
     double evidence; /* log */
@@ -43,7 +45,7 @@ struct reg_infer {
     reg_quality quality;
     void *memory;
     int node_count, landmark_count;
-    int loads;               /* 3 per control point, then the weight's: 3 c + 3 */
+    int loads;               /* 3 per control point, the weight's, and that of a pressure where there may be one */
     double begun;            /* on the clock */
     int *patch_of;           /* [count of data] patch, or -1 - component of a landmark */
     double *averaged;        /* [data] m^2: the part of the variance that averages out */
@@ -62,18 +64,19 @@ struct reg_infer {
     double *datum;               /* [most] scratch */
     double *chances;             /* [DRAWS][loads + REGI_GAUSS_POSES + most] */
     sb_vec3 *tractions;          /* [c] scratch */
-    double *drift;               /* [REGI_RESPONSE_MODES][most] what modes as forces do to data, then forces that stop
-                                  * their drift */
-    sb_vec3 *row;                /* [REG_INFER_DRAWS][nodes] */
-    sb_vec3 *skin;               /* [skin nodes] where they are (m) */
-    sb_vec3 *forces;             /* [nodes] found (N) */
-    sb_vec3 *increment, *trial;  /* [nodes] */
-    sb_vec3 *shape;              /* [nodes] displacements found (m) */
-    sb_vec3 *errors;             /* [DRAWS][nodes] of draws (m), calibrated */
-    sb_real *expected;           /* [nodes] m */
-    sb_vec3 *cell_force;         /* [cells][nodes per cell] internal forces (N) */
-    sb_vec3 *poisson_force;      /* [nodes] what 0.02 of Poisson's ratio do to them (N) */
-    sb_real *region;             /* [cells][REGIONS] shares */
+    sb_vec3 *pressing;          /* [c] traction of the unit pressure where the organ is now; NULL: nothing is pressed */
+    double *drift;              /* [REGI_RESPONSE_MODES][most] what modes as forces do to data, then forces that stop
+                                 * their drift */
+    sb_vec3 *row;               /* [REG_INFER_DRAWS][nodes] */
+    sb_vec3 *skin;              /* [skin nodes] where they are (m) */
+    sb_vec3 *forces;            /* [nodes] found (N) */
+    sb_vec3 *increment, *trial; /* [nodes] */
+    sb_vec3 *shape;             /* [nodes] displacements found (m) */
+    sb_vec3 *errors;            /* [DRAWS][nodes] of draws (m), calibrated */
+    sb_real *expected;          /* [nodes] m */
+    sb_vec3 *cell_force;        /* [cells][nodes per cell] internal forces (N) */
+    sb_vec3 *poisson_force;     /* [nodes] what 0.02 of Poisson's ratio do to them (N) */
+    sb_real *region;            /* [cells][REGIONS] shares */
     double pose_sd[REGI_INFER_POSE]; /* m, rad */
     double pose[REGI_INFER_POSE];    /* reached: m, rad */
     double next[REGI_GAUSS_POSES];   /* found in this round; the offset last (m) */
@@ -116,8 +119,12 @@ REGI_API void regi_infer_set_misfit(reg_infer *infer, double misfit);
 REGI_API int regi_infer_set_prior(reg_infer *infer, const regi_infer_choice *choice);
 /* Chooses length, weight, misfit, scale and local scale; the gauss has them. 0: it cannot. */
 REGI_API int regi_infer_choose(reg_infer *infer);
-/* Tractions [c] (Pa) and weight (N) of loads in the gauss' units. */
-REGI_API void regi_infer_unfold(const reg_infer *infer, const double *c, sb_vec3 *tractions, sb_vec3 *weight);
+/* Tractions [c] (Pa), less those of the pressure, of loads in the gauss' units. */
+REGI_API void regi_infer_unfold(const reg_infer *infer, const double *c, sb_vec3 *tractions);
+/* The pressure among them (Pa); 0: there is none. */
+REGI_API double regi_infer_pressure(const reg_infer *infer, const double *c);
+/* Forces [nodes] (N) of loads in the gauss' units. Uses `tractions`. */
+REGI_API void regi_infer_load(reg_infer *infer, const double *c, sb_vec3 *forces);
 
 /* ---- infer_respond ---- */
 /* Responses, gaps and resultants of the data at hand. */

@@ -147,8 +147,61 @@ static void regi_infer_sum_up(reg_infer *f)
     }
 }
 
+/* areas[nodes]: those of the boundary's facets at each node, twice and more than once (m^2), outward, where the organ
+ * is at x. */
+static void regi_infer_sum_areas(const reg_infer *f, const sb_vec3 *x, sb_vec3 *areas)
+{
+    const sb_mesh *surface = &f->model->boundary.surface;
+    const int *node = f->model->boundary.nodes;
+    int width = sb_mesh_element_width(surface);
+    int is_quad = sb_element_straight(surface->element_type) == SB_QUAD4;
+    memset(areas, 0, (size_t)f->node_count * sizeof *areas);
+    for (int e = 0; e < surface->element_count; e++) {
+        const int *facet = surface->elements + (size_t)e * (size_t)width;
+        sb_vec3 first = sb_v3_sub(x[node[facet[is_quad ? 2 : 1]]], x[node[facet[0]]]); /* a diagonal, or a side */
+        sb_vec3 second = sb_v3_sub(x[node[facet[is_quad ? 3 : 2]]], x[node[facet[is_quad ? 1 : 0]]]);
+        for (int a = 0; a < width; a++)
+            areas[node[facet[a]]] = sb_v3_add(areas[node[facet[a]]], sb_v3_cross(first, second));
+    }
+}
+
+/* tractions[nodes], per area at rest, of the unit pressure on the boundary where the organ is now. */
+static void regi_infer_find_push(const reg_infer *f, sb_vec3 *tractions)
+{
+    sb_vec3 *rest = tractions + f->node_count;
+    regi_infer_sum_areas(f, sb_body_positions(f->model->body), tractions);
+    regi_infer_sum_areas(f, f->model->mesh.nodes, rest);
+    for (int i = 0; i < f->node_count; i++) {
+        sb_real area = sb_v3_norm(rest[i]);
+        tractions[i] = sb_v3_scale(area > 0 ? -f->def->pressed[i] / area : 0, tractions[i]);
+    }
+}
+
+/* The unit pressure where the organ is now as tractions of the control points, and what data and resultants do under
+ * it, which is then known without another solve. */
+static void regi_infer_press(reg_infer *f)
+{
+    const regi_prior *p = &f->model->prior;
+    size_t m = (size_t)f->gauss.most;
+    int rows = f->gauss.count + f->gauss.exact;
+    double *to = f->raw + (size_t)(f->loads - 1) * m;
+    sb_vec3 whole;
+    regi_infer_find_push(f, f->row);
+    regi_prior_collect(p, f->row, f->pressing, &whole);
+    memset(to, 0, (size_t)rows * sizeof *to);
+    for (int j = 0; j < p->control_count; j++) {
+        const double *from = f->raw + 3 * (size_t)j * m;
+        f->pressing[j] = sb_v3_scale(p->areas[j] > 0 ? (sb_real)(1 / p->areas[j]) : 0, f->pressing[j]);
+        for (int s = 0; s < rows; s++)
+            to[s] += (double)f->pressing[j].x * from[s] + (double)f->pressing[j].y * from[m + (size_t)s] +
+                     (double)f->pressing[j].z * from[2 * m + (size_t)s];
+    }
+}
+
 REGI_API void regi_infer_respond(reg_infer *f)
 {
     regi_infer_measure_data(f);
     regi_infer_sum_up(f);
+    if (f->pressing)
+        regi_infer_press(f);
 }

@@ -76,15 +76,14 @@ static sb_result regi_infer_move(reg_infer *f, sb_error *error)
 /* The posterior's mean: forces, and where they take the organ from its present shape. */
 static sb_result regi_infer_solve(reg_infer *f, int round, sb_error *error)
 {
-    sb_vec3 weight;
     int good = round == 0 ? regi_infer_choose(f) : regi_infer_set_prior(f, &f->choice) && regi_gauss_solve(&f->gauss);
     if (!good)
         return sbi_fail(error, SB_ERROR_NOT_CONVERGED, "loads and pose cannot be told from what is seen");
     regi_gauss_explain(&f->gauss, f->gauss.multiplier, f->c, f->next);
     for (int k = 0; k < REGI_INFER_POSE; k++)
         f->next[k] *= f->pose_sd[k];
-    regi_infer_unfold(f, f->c, f->tractions, &weight);
-    regi_prior_forces(&f->model->prior, f->tractions, weight, f->forces);
+    f->quality.pressure = (sb_real)regi_infer_pressure(f, f->c);
+    regi_infer_load(f, f->c, f->forces);
     for (int i = 0; i < f->node_count; i++)
         f->increment[i] = sb_v3_sub(f->forces[i], f->response.residual[i]);
     regi_response_solve(&f->response, f->increment, 1);

@@ -356,6 +356,7 @@ REG_PRIOR_RIGID = 0
 REG_PRIOR_SMOOTH = 1
 REG_PRIOR_LOCAL = 2
 REG_PRIOR_GRAVITY = 3
+REG_PRIOR_PRESSURE = 4
 REG_TRACK_FOLLOWS = 0
 REG_TRACK_PREDICTS = 1
 REG_TRACK_JUMPED = 2
@@ -2369,6 +2370,7 @@ reg_infer_def._fields_ = [
     ("start_sd", c_double),
     ("start_turn", c_double),
     ("gravity", c_int),
+    ("pressed", POINTER(c_double)),
     ("samples", c_int),
     ("rounds", c_int),
     ("max_seconds", c_double),
@@ -2380,6 +2382,8 @@ reg_quality._fields_ = [
     ("warnings", c_uint),
     ("prior", c_int),
     ("prior_margin", c_double),
+    ("pressure_margin", c_double),
+    ("pressure", c_double),
     ("belief", c_double),
     ("sure", c_double),
     ("seen", c_double),
@@ -3558,7 +3562,7 @@ DOCUMENTATION = {
     'reg_infer_expected': 'expected[nodes]: root mean square error (m) to expect of each node.',
     'reg_infer_covariance': 'Where points[count] of the organ at rest (m) are, moved[count], and the covariance of that, covariances[count] (m^2);\neither may be NULL. SB_ERROR_NOT_FINITE, what sb_embedding_create says of points far off, SB_ERROR_MEMORY\nleave both untouched. From the draws, so that single covariances are known to a quarter.',
     'reg_infer_get_quality': 'SB_ERROR_ARGUMENT.',
-    'reg_prior_string': '"rigid", "smooth", "local", "gravity"; "converged", "rounds", "time".',
+    'reg_prior_string': '"rigid", "smooth", "local", "gravity", "pressure"; "converged", "rounds", "time".',
     'reg_track_create': "Makes a tracker; all memory is taken here, from the model's allocator. Takes the time of a round of an inference.\nSB_ERROR_ARGUMENT (a field, named), SB_ERROR_INVERTED, SB_ERROR_INDEFINITE, SB_ERROR_MEMORY: *track is then\nuntouched. Deterministic, as steps are; the same bits for any number of threads.",
     'reg_track_restart': "Begins anew about an inference's answer, or, `start` NULL, about where the organ is now: shapes are linear about\nthat, what was known of the amounts is forgotten, and the pose is as sure as at a start. For after it was lost, and\nfor large deformations. Allocates nothing; takes as long as the creation. The errors of reg_track_create: nothing\nhas changed then. A target that waits stays.",
     'reg_track_set_target': 'What is seen now, for the next step; replaces a target that waits. Copied. A surface is refused. SB_ERROR_ARGUMENT,\nalso for more than def.most_points, and SB_ERROR_NOT_FINITE (error->node: the point): nothing has changed.',
