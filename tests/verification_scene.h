@@ -517,8 +517,12 @@ static inline void verify_append(sb_mesh *whole, sb_mesh *part)
     sb_mesh_free(part);
 }
 
-/* An octant of a thick sphere in three blocks of `around`^2 x `across` cells. */
-static inline sb_mesh verify_octant(sb_element_type type, double inner, double outer, int across, int around)
+/* What the name of a case says of its mesh: graded, or even. */
+static const char *const verify_gradings[2] = {"", ", even mesh"};
+
+/* An octant of a thick sphere in three blocks of `around`^2 x `across` cells, which grow with the radius, or are of one
+ * height. */
+static inline sb_mesh verify_octant(sb_element_type type, double inner, double outer, int across, int around, int even)
 {
     sb_mesh whole;
     memset(&whole, 0, sizeof whole);
@@ -527,7 +531,8 @@ static inline sb_mesh verify_octant(sb_element_type type, double inner, double o
         shell.inner = inner;
         shell.outer = outer;
         shell.axis = axis;
-        sb_mesh part = verify_block(type, across, around, around, verify_map_shell, &shell, 0);
+        sb_mesh part =
+            verify_block(type, across, around, around, even ? verify_map_even_shell : verify_map_shell, &shell, 0);
         verify_append(&whole, &part);
     }
     CHECK_OK(sb_mesh_merge_nodes(&whole, REAL(-1), NULL, NULL));
