@@ -681,6 +681,10 @@ head -c -30 ../whole.csv >../killed.csv
 study 'goes on' 0 'shard 1 of 1, 1 to do' killed.csv --vary case/table.csv
 cmp ../killed.csv ../whole.csv >../stdout 2>../stderr
 result 'study: killed and run again' $?
+{ printf '\357\273\277' && sed 's/$/\r/' table.csv; } >windows.csv # a byte order mark, carriage returns
+study 'a table of another system' 0 '^study: 5 cases' windows_rows.csv --vary case/windows.csv
+[ "$(sed 1d ../windows_rows.csv)" = "$(sed 1d ../whole.csv)" ]
+result 'study: the same rows of it' $?
 cp ../whole.csv ../kept.csv
 printf 'young,nu,load\n1000,0.3,1\n' >other.csv
 study 'rows of another table' 2 'whole.csv: is of another study' whole.csv --vary case/other.csv
