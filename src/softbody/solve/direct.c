@@ -267,6 +267,7 @@ static void sbi_direct_layout(sb_direct *d, const sbi_direct_plan *plan, sbi_are
     d->position = (int *)sbi_arena_take(arena, n, sizeof(int));
     d->node = (int *)sbi_arena_take(arena, n, sizeof(int));
     d->place = (int *)sbi_arena_take(arena, n, sizeof(int));
+    d->run_end = (int *)sbi_arena_take(arena, n, sizeof(int));
     d->pieces = (sbi_direct_piece *)sbi_arena_take(arena, pieces, sizeof(sbi_direct_piece));
     d->rows = (int *)sbi_arena_take(arena, plan->row_total, sizeof(int));
     d->waiting = (int *)sbi_arena_take(arena, pieces, sizeof(int));
@@ -435,6 +436,13 @@ static int sbi_direct_scatter(sb_direct *d, const sb_matrix *a, const sbi_direct
     return -1;
 }
 
+/* run_end of a child's `count` rows below its own. */
+static void sbi_direct_find_runs(sb_direct *d, const int *rows, int count)
+{
+    for (int r = count - 1; r >= 0; r--)
+        d->run_end[r] = r + 1 < count && d->place[rows[r + 1]] == d->place[rows[r]] + 1 ? d->run_end[r + 1] : r + 1;
+}
+
 /* Adds a child's square to the piece's panel and square. */
 static void sbi_direct_extend(sb_direct *d, const sbi_direct_piece *piece, sb_real *square,
                               const sbi_direct_piece *child, const sb_real *from)
@@ -442,17 +450,18 @@ static void sbi_direct_extend(sb_direct *d, const sbi_direct_piece *piece, sb_re
     int own = child->last - child->first, below = child->row_count - own, width = piece->last - piece->first;
     const int *rows = d->rows + child->row_start + own;
     size_t height = 3 * (size_t)piece->row_count, rest = height - 3 * (size_t)width, side = 3 * (size_t)below;
+    sbi_direct_find_runs(d, rows, below);
     for (int c = 0; c < below; c++) {
         int column = d->place[rows[c]];
         for (size_t j = 0; j < 3; j++, from += side) {
             sb_real *to = column < width ? d->factor + piece->panel + (3 * (size_t)column + j) * height
                                          : square + (3 * (size_t)(column - width) + j) * rest - 3 * (size_t)width;
-            for (int r = c; r < below; r++) {
-                sb_real *at = to + 3 * (size_t)d->place[rows[r]];
-                const sb_real *value = from + 3 * (size_t)r;
-                at[0] += value[0];
-                at[1] += value[1];
-                at[2] += value[2];
+            for (int r = c; r < below; r = d->run_end[r]) {
+                sb_real *SB_RESTRICT at = to + 3 * (size_t)d->place[rows[r]];
+                const sb_real *SB_RESTRICT value = from + 3 * (size_t)r;
+                int values = 3 * (d->run_end[r] - r);
+                for (int k = 0; k < values; k++)
+                    at[k] += value[k];
             }
         }
     }
@@ -472,6 +481,30 @@ static sb_result sbi_direct_fail(const sb_matrix *a, int node, sb_error *error)
                          node);
 }
 
+/* Where a square's column begins to be used: tiles that cross the diagonal reach above it. */
+static size_t sbi_direct_top(size_t column)
+{
+    const size_t reach = SBI_FRONT_REACH;
+    return column > reach ? column - reach : 0;
+}
+
+static void sbi_direct_clear_square(sb_real *square, size_t side)
+{
+    for (size_t c = 0; c < side; c++) {
+        size_t top = sbi_direct_top(c);
+        memset(square + c * side + top, 0, (side - top) * sizeof *square);
+    }
+}
+
+/* Moves a square down the stack, column by column. */
+static void sbi_direct_lower_square(sb_real *square, size_t side, size_t by)
+{
+    for (size_t c = 0; c < side && by > 0; c++) {
+        sb_real *column = square + c * side + sbi_direct_top(c);
+        memmove(column - by, column, (side - sbi_direct_top(c)) * sizeof *square);
+    }
+}
+
 /* One front: assembled, factored, and its square left on the stack in place of its children's. */
 static sb_result sbi_direct_factor_piece(sb_direct *d, const sb_matrix *a, int index, int *depth, size_t *used,
                                          sb_error *error)
@@ -483,7 +516,7 @@ static sb_result sbi_direct_factor_piece(sb_direct *d, const sb_matrix *a, int i
     const int *rows = d->rows + piece->row_start;
     int bad;
     memset(panel, 0, height * width * sizeof(sb_real));
-    memset(square, 0, size * sizeof(sb_real));
+    sbi_direct_clear_square(square, height - width);
     for (int r = 0; r < piece->row_count; r++)
         d->place[rows[r]] = r;
     bad = sbi_direct_scatter(d, a, piece);
@@ -501,8 +534,7 @@ static sb_result sbi_direct_factor_piece(sb_direct *d, const sb_matrix *a, int i
         return sbi_direct_fail(a, d->node[piece->first + bad / 3], error);
     sbi_front_square(panel, height, width, d->kind == SB_DIRECT_LDLT, d->signs + 3 * (size_t)piece->first, square,
                      d->pack);
-    if (freed > 0)
-        memmove(square - freed, square, size * sizeof(sb_real));
+    sbi_direct_lower_square(square, height - width, freed);
     *used += size - freed;
     d->waiting[(*depth)++] = index;
     return SB_OK;

@@ -9,7 +9,9 @@
 
 /* Reals as one vector of the processor, at any alignment; 0: plain code. */
 #if defined(__GNUC__) && !defined(SB_NO_VECTORS)
-#if defined(__AVX__)
+#if defined(__AVX512F__)
+#define SBI_FRONT_BYTES 64
+#elif defined(__AVX__)
 #define SBI_FRONT_BYTES 32
 #else
 #define SBI_FRONT_BYTES 16
@@ -25,6 +27,7 @@ enum { SBI_FRONT_WIDTH = 2 };
 
 enum {
     SBI_FRONT_GROUP = 2 * SBI_FRONT_WIDTH, /* right-hand sides solved at once; also the rows of a product's tile */
+    SBI_FRONT_REACH = SBI_FRONT_GROUP + 4, /* rows above the diagonal that a square's tiles may touch */
     SBI_FRONT_DEPTH = 128,                 /* columns of a product's packed pieces, */
     SBI_FRONT_ROWS = 64,                   /* rows of the left one, */
     SBI_FRONT_COLUMNS = 128,               /* and of the right one */

@@ -24,8 +24,9 @@ struct sb_direct {
     int *position;            /* [node_count] column of a node */
     int *node;                /* [node_count] node of a column */
     sbi_direct_piece *pieces;
-    int *rows;  /* columns' numbers, ascending in each piece */
-    int *place; /* [node_count] of a column among the rows of the present piece */
+    int *rows;    /* columns' numbers, ascending in each piece */
+    int *place;   /* [node_count] of a column among the rows of the present piece */
+    int *run_end; /* [node_count] scratch: of a child's rows, where those end that are neighbours in its parent, too */
     sb_real *factor;
     sb_real *squares;  /* the stack */
     int *waiting;      /* [piece_count] scratch: pieces whose squares are on the stack */
