@@ -10904,10 +10904,35 @@ static void regi_block_tile(const regi_block *b, int i, int j, double *tile)
 }
 #endif
 
+/* tile[8][8], two tiles: as vectors of eight they are one to a row, and eight sums hide how long an addition takes. */
+#if defined(__GNUC__) && !defined(SB_NO_VECTORS) && defined(__AVX512F__)
+typedef double regi_block_row __attribute__((vector_size(64), aligned(sizeof(double)), may_alias));
+
+static void regi_block_pair(const regi_block *b, int i, int j, double *tile)
+{
+    const double *left = b->left + i, *r0 = b->right + (size_t)j * b->right_stride, *r4 = r0 + 4 * b->right_stride;
+    size_t one = b->right_stride, two = 2 * one, three = 3 * one;
+    regi_block_row c0 = {0}, c1 = c0, c2 = c0, c3 = c0, c4 = c0, c5 = c0, c6 = c0, c7 = c0, *to;
+    for (int k = 0; k < b->depth; k++, left += b->left_stride, r0 += b->right_step, r4 += b->right_step) {
+        regi_block_row x = *(const regi_block_row *)(const void *)left;
+        c0 += x * r0[0], c1 += x * r0[one], c2 += x * r0[two], c3 += x * r0[three];
+        c4 += x * r4[0], c5 += x * r4[one], c6 += x * r4[two], c7 += x * r4[three];
+    }
+    to = (regi_block_row *)(void *)tile;
+    to[0] = c0, to[1] = c1, to[2] = c2, to[3] = c3, to[4] = c4, to[5] = c5, to[6] = c6, to[7] = c7;
+}
+#else
+static void regi_block_pair(const regi_block *b, int i, int j, double *tile)
+{
+    regi_block_tile(b, i, j, tile);
+    regi_block_tile(b, i, j + REGI_BLOCK_ROWS, tile + REGI_BLOCK_ROWS * REGI_BLOCK_WIDTH);
+}
+#endif
+
 /* The sums of i, j on that do not fill a tile. */
 static void regi_block_rest(const regi_block *b, int i, int width, int j, int rows, double *tile)
 {
-    memset(tile, 0, REGI_BLOCK_ROWS * REGI_BLOCK_WIDTH * sizeof *tile);
+    memset(tile, 0, (size_t)(rows * REGI_BLOCK_WIDTH) * sizeof *tile);
     for (int k = 0; k < b->depth; k++)
         for (int r = 0; r < rows; r++) {
             double right = b->right[(size_t)k * b->right_step + (size_t)(j + r) * b->right_stride];
@@ -10919,11 +10944,14 @@ static void regi_block_rest(const regi_block *b, int i, int width, int j, int ro
 
 REGI_API void regi_block_add(const regi_block *b, int width, int rows, double factor, double *to, size_t stride)
 {
-    double tile[(int)REGI_BLOCK_ROWS * (int)REGI_BLOCK_WIDTH];
-    for (int j = 0; j < rows; j += REGI_BLOCK_ROWS)
+    double tile[2 * (int)REGI_BLOCK_ROWS * (int)REGI_BLOCK_WIDTH];
+    for (int j = 0, high; j < rows; j += high) {
+        high = rows - j < 2 * REGI_BLOCK_ROWS ? sbi_min_int(REGI_BLOCK_ROWS, rows - j) : 2 * REGI_BLOCK_ROWS;
         for (int i = 0; i < width; i += REGI_BLOCK_WIDTH) {
-            int high = sbi_min_int(REGI_BLOCK_ROWS, rows - j), wide = sbi_min_int(REGI_BLOCK_WIDTH, width - i);
-            if (high == REGI_BLOCK_ROWS && wide == REGI_BLOCK_WIDTH)
+            int wide = sbi_min_int(REGI_BLOCK_WIDTH, width - i);
+            if (high > REGI_BLOCK_ROWS && wide == REGI_BLOCK_WIDTH)
+                regi_block_pair(b, i, j, tile);
+            else if (high == REGI_BLOCK_ROWS && wide == REGI_BLOCK_WIDTH)
                 regi_block_tile(b, i, j, tile);
             else
                 regi_block_rest(b, i, wide, j, high, tile);
@@ -10931,6 +10959,7 @@ REGI_API void regi_block_add(const regi_block *b, int width, int rows, double fa
                 for (int c = 0; c < wide; c++)
                     to[(size_t)(j + r) * stride + (size_t)(i + c)] += factor * tile[r * REGI_BLOCK_WIDTH + c];
         }
+    }
 }
 
 REGI_API void regi_block_forward(const double *u, int n, size_t stride, double *x)
@@ -11839,7 +11868,8 @@ struct reg_model {
     sb_jobs jobs;
     sb_body *body;        /* neo-Hookean, whatever an application's body is: its tangent is right at strains of a
                            * tenth, where that of corotated bodies bends what is found of the loads */
-    sb_direct *direct;    /* the body's factor of now: one inference at a time */
+    sb_direct *direct;    /* the body's factor: one inference at a time */
+    int direct_at_rest;   /* 1: it is that of the organ at rest */
     sb_mesh mesh;         /* at rest */
     sb_boundary boundary; /* of mesh, compact */
     regi_prior prior;
@@ -12028,6 +12058,8 @@ typedef struct regi_response {
     reg_model *model;
     sb_direct *direct;
     sb_vec3 centre;          /* m: turns of the pose are about it; set by the owner */
+    int turned;              /* 1: the factor's frame is another: */
+    sb_mat3 frame;           /* from it to that of now */
     sb_vec3 *residual;       /* [nodes] internal forces of the shape that was factored (N) */
     sb_vec3 *weighted_modes; /* [MODES][nodes] rigid motions times shares of the mass, */
     sb_vec3 *drift;          /* [MODES][nodes] what these as forces do, */
@@ -12039,6 +12071,12 @@ typedef struct regi_response {
 REGI_API void regi_response_layout(regi_response *response, int node_count, sbi_arena *arena);
 /* Factor and residual of the shape of now. The factor's errors. */
 REGI_API sb_result regi_response_factor(regi_response *response, sb_error *error);
+/* The same where the organ has its shape at rest, turned as told: the factor is that of the organ at rest, which the
+ * model may still have. */
+REGI_API sb_result regi_response_factor_turned(regi_response *response, sb_mat3 rotation, sb_error *error);
+/* A vector of now in the frame of the factor, and one of that in the frame of now. */
+REGI_API sb_vec3 regi_response_to_factor(const regi_response *response, sb_vec3 v);
+REGI_API sb_vec3 regi_response_from_factor(const regi_response *response, sb_vec3 v);
 /* forces[nodes]: a unit rigid motion times shares of the mass; turns are about the centre and by one over the size. */
 REGI_API void regi_response_mode(const regi_response *response, int mode, sb_vec3 *forces);
 /* Motions of `count` rows of forces, row[count][nodes], in place: none of what is held, and
@@ -12086,11 +12124,32 @@ static void regi_response_stop_drift(const regi_response *r, sb_vec3 *u)
             u[i] = sb_v3_madd(u[i], (sb_real)-c[k], r->drift[(size_t)k * n + i]);
 }
 
+REGI_API sb_vec3 regi_response_to_factor(const regi_response *r, sb_vec3 v)
+{
+    return r->turned ? sb_m3_tapply(r->frame, v) : v;
+}
+
+REGI_API sb_vec3 regi_response_from_factor(const regi_response *r, sb_vec3 v)
+{
+    return r->turned ? sb_m3_apply(r->frame, v) : v;
+}
+
+/* Rows by the factor's inverse, in place. */
+static void regi_response_divide(regi_response *r, sb_vec3 *row, int count)
+{
+    size_t all = (size_t)count * (size_t)r->model->mesh.node_count;
+    for (size_t k = 0; k < all && r->turned; k++)
+        row[k] = sb_m3_tapply(r->frame, row[k]);
+    (void)sb_direct_solve(r->direct, &row[0].x, &row[0].x, count);
+    for (size_t k = 0; k < all && r->turned; k++)
+        row[k] = sb_m3_apply(r->frame, row[k]);
+}
+
 REGI_API void regi_response_solve(regi_response *r, sb_vec3 *row, int count)
 {
     for (int s = 0; s < count; s++)
         regi_response_hold(r, row + (size_t)s * (size_t)r->model->mesh.node_count);
-    (void)sb_direct_solve(r->direct, &row[0].x, &row[0].x, count);
+    regi_response_divide(r, row, count);
     for (int s = 0; s < count && !r->model->held; s++)
         regi_response_stop_drift(r, row + (size_t)s * (size_t)r->model->mesh.node_count);
 }
@@ -12116,7 +12175,7 @@ static int regi_response_find_drift(regi_response *r)
     memcpy(r->drift, r->weighted_modes, REGI_RESPONSE_MODES * n * sizeof *r->drift);
     memcpy(r->recoil, r->residual, n * sizeof *r->recoil);
     regi_response_hold(r, r->recoil);
-    (void)sb_direct_solve(r->direct, &r->drift[0].x, &r->drift[0].x, REGI_RESPONSE_MODES + 1);
+    regi_response_divide(r, r->drift, REGI_RESPONSE_MODES + 1);
     if (r->model->held)
         return 1;
     for (int k = 0; k < REGI_RESPONSE_MODES; k++)
@@ -12132,14 +12191,52 @@ static int regi_response_find_drift(regi_response *r)
     return 1;
 }
 
-REGI_API sb_result regi_response_factor(regi_response *r, sb_error *error)
+/* The factor of the body's shape. */
+static sb_result regi_response_renew(regi_response *r, sb_error *error)
 {
     /* what holds nothing-held organs acts on increments only, and balanced loads do not notice */
     sb_real hold = (sb_real)(r->model->held ? 1e-4 : 1e-2) * REGI_MODEL_YOUNG * r->model->size;
-    sb_result result = sbi_body_factor(r->model->body, hold, r->residual, r->direct, error);
-    if (result == SB_OK && !regi_response_find_drift(r))
-        result = sbi_fail(error, SB_ERROR_INDEFINITE, "the organ's stiffness is not positive");
-    return result;
+    if (r->direct == r->model->direct)
+        r->model->direct_at_rest = 0;
+    return sbi_body_factor(r->model->body, hold, r->residual, r->direct, error);
+}
+
+static sb_result regi_response_end_factor(regi_response *r, sb_error *error)
+{
+    if (regi_response_find_drift(r))
+        return SB_OK;
+    return sbi_fail(error, SB_ERROR_INDEFINITE, "the organ's stiffness is not positive");
+}
+
+REGI_API sb_result regi_response_factor(regi_response *r, sb_error *error)
+{
+    sb_result result = regi_response_renew(r, error);
+    r->turned = 0;
+    return result == SB_OK ? regi_response_end_factor(r, error) : result;
+}
+
+/* The factor of the model at rest, wherever its body is. The residual is scratch. */
+static sb_result regi_response_renew_at_rest(regi_response *r, sb_error *error)
+{
+    size_t bytes = (size_t)r->model->mesh.node_count * sizeof(sb_vec3);
+    sb_vec3 *kept = r->drift; /* found anew afterwards */
+    sb_result result;
+    memcpy(kept, sb_body_displacements(r->model->body), bytes);
+    memset(r->residual, 0, bytes);
+    result = sb_body_set_displacements(r->model->body, r->residual);
+    if (result == SB_OK)
+        result = regi_response_renew(r, error);
+    r->model->direct_at_rest = result == SB_OK;
+    return result == SB_OK ? sb_body_set_displacements(r->model->body, kept) : result;
+}
+
+REGI_API sb_result regi_response_factor_turned(regi_response *r, sb_mat3 rotation, sb_error *error)
+{
+    sb_result result = r->model->direct_at_rest ? SB_OK : regi_response_renew_at_rest(r, error);
+    r->turned = 1;
+    r->frame = rotation;
+    memset(r->residual, 0, (size_t)r->model->mesh.node_count * sizeof *r->residual); /* nothing strains it */
+    return result == SB_OK ? regi_response_end_factor(r, error) : result;
 }
 
 /* ==== src/register/model_calm.c ==== */
@@ -12245,6 +12342,7 @@ REGI_API sb_result regi_model_find_calm(reg_model *model, sb_error *error)
     calm.response.direct = model->direct;
     if (result == SB_OK)
         result = regi_calm_find(&calm, model, error);
+    model->direct_at_rest = result == SB_OK;
     sbi_free(&model->allocator, memory);
     return result;
 }
@@ -12526,6 +12624,7 @@ struct reg_infer {
     sb_vec3 *mark_seen;      /* [landmark_count] m */
     sb_real *mark_sd;        /* [landmark_count] m */
     double *raw;             /* [loads][gauss.most] responses of data, then resultants, to unit tractions and weight */
+    int rooted;              /* root is of tractions alike everywhere: 1, of `local`: 2, of none of them: 0 */
     double *root;            /* [c][c] of the present prior, lower triangle */
     double *turned_root;     /* [c][c] its transpose */
     double *tile;            /* [most or c, the larger][REGI_BLOCK_WIDTH] scratch */
@@ -12849,12 +12948,17 @@ REGI_API void regi_infer_set_misfit(reg_infer *f, double misfit)
 
 /* ---- columns ---- */
 
-/* root of a local scale (NULL: alike everywhere), and turned_root. 0: there is none. */
-static int regi_infer_find_root(reg_infer *f, const double *local)
+/* root of tractions with a local scale or alike everywhere, and turned_root: they last while the scale does. 0: there
+ * is none. */
+static int regi_infer_find_root(reg_infer *f, int is_local)
 {
     int c = f->model->prior.control_count;
-    if (!regi_prior_root(&f->model->prior, REGI_INFER_LENGTH, local, f->root))
+    if (f->rooted == 1 + is_local)
+        return 1;
+    f->rooted = 0;
+    if (!regi_prior_root(&f->model->prior, REGI_INFER_LENGTH, is_local ? f->local : NULL, f->root))
         return 0;
+    f->rooted = 1 + is_local;
     for (int j = 0; j < c; j++)
         for (int k = 0; k < c; k++)
             f->turned_root[(size_t)k * (size_t)c + (size_t)j] = f->root[(size_t)j * (size_t)c + (size_t)k];
@@ -12870,8 +12974,8 @@ static void regi_infer_fill_strip(reg_infer *f, int axis, int first, int width)
     for (int j = 0; j < c; j++)
         memcpy(f->tile + (size_t)j * REGI_BLOCK_WIDTH, f->raw + (size_t)(3 * j + axis) * m + (size_t)first,
                (size_t)width * sizeof *f->tile);
-    for (int k = 0; k < c; k += REGI_BLOCK_ROWS) {
-        int have = sbi_min_int(REGI_BLOCK_ROWS, c - k);
+    for (int k = 0; k < c; k += 2 * REGI_BLOCK_ROWS) {
+        int have = sbi_min_int(2 * REGI_BLOCK_ROWS, c - k);
         double *columns = f->gauss.columns + (size_t)(3 * k + axis) * m + (size_t)first;
         regi_block block = {NULL, NULL, REGI_BLOCK_WIDTH, 1, 0, 0};
         block.left = f->tile + (size_t)k * REGI_BLOCK_WIDTH; /* turned_root is 0 before its diagonal */
@@ -12931,7 +13035,7 @@ static void regi_infer_bind_prior(reg_infer *f, const regi_infer_choice *choice)
 /* The columns of a choice; loads without resultants. */
 REGI_API int regi_infer_set_prior(reg_infer *f, const regi_infer_choice *choice)
 {
-    if (!regi_infer_find_root(f, choice->is_local ? f->local : NULL))
+    if (!regi_infer_find_root(f, choice->is_local))
         return 0;
     regi_infer_fill_tractions(f);
     regi_infer_bind_prior(f, choice);
@@ -12974,7 +13078,7 @@ static int regi_infer_extend(reg_infer *f)
 {
     regi_gauss *g = &f->gauss;
     int count = g->count, rows = count + g->exact;
-    if (!regi_infer_find_root(f, NULL))
+    if (!regi_infer_find_root(f, 0))
         return 0;
     regi_infer_fill_tractions(f);
     g->count = rows;
@@ -13153,6 +13257,7 @@ static int regi_infer_localise(reg_infer *f)
             return 0;
         regi_infer_expect_energy(f);
         memcpy(f->trial_local, f->local, bytes);
+        f->rooted = 0;
         regi_prior_localise(&f->model->prior, REGI_INFER_LENGTH, f->energy, f->local);
         trial.is_local = 1;
         if (!regi_infer_set_prior(f, &trial))
@@ -13166,6 +13271,7 @@ static int regi_infer_localise(reg_infer *f)
             continue;
         }
         memcpy(f->local, f->trial_local, bytes);
+        f->rooted = 0;
         return regi_infer_set_prior(f, &before);
     }
     return 1;
@@ -13285,7 +13391,7 @@ static void regi_infer_store(reg_infer *f, int at, const sb_vec3 *row)
 static void regi_infer_add_force(reg_infer *f, int datum, int node, sb_vec3 force)
 {
     size_t m = (size_t)f->gauss.most, n = (size_t)f->node_count;
-    sbi_between_add(f->between, datum, node, force);
+    sbi_between_add(f->between, datum, node, regi_response_to_factor(&f->response, force));
     for (size_t k = 0; k < REGI_RESPONSE_MODES; k++)
         f->drift[k * m + (size_t)datum] += (double)sb_v3_dot(force, f->response.drift[k * n + (size_t)node]);
     f->gauss.gap[datum] += (double)sb_v3_dot(force, f->response.recoil[node]);
@@ -13378,7 +13484,8 @@ static void regi_infer_measure_data(reg_infer *f)
     (void)sbi_between_run(f->between, &tractions); /* the factor is there */
     for (int j = 0; j < p->control_count; j++)
         for (int s = 0; s < g->count; s++)
-            regi_infer_put(f, f->raw + 3 * (size_t)j * m, s, sbi_between_get(f->between, s, j));
+            regi_infer_put(f, f->raw + 3 * (size_t)j * m, s,
+                           regi_response_from_factor(&f->response, sbi_between_get(f->between, s, j)));
     for (size_t axis = 0; axis < REGI_INFER_WEIGHT; axis++) /* the first modes are the weight */
         memcpy(f->raw + (3 * (size_t)p->control_count + axis) * m, f->drift + axis * m,
                (size_t)g->count * sizeof *f->raw);
@@ -13556,7 +13663,8 @@ REGI_API sb_result regi_infer_round(reg_infer *f, int round, sb_error *error)
     sb_result result;
     if (regi_infer_look(f, round) == 0)
         return sbi_fail(error, SB_ERROR_NOT_CONVERGED, "no point of the target is near a place of the organ");
-    result = regi_response_factor(&f->response, error);
+    result = round == 0 ? regi_response_factor_turned(&f->response, f->def->start.rotation, error)
+                        : regi_response_factor(&f->response, error);
     if (result != SB_OK)
         return result;
     regi_infer_respond(f);

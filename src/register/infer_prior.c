@@ -20,12 +20,17 @@ REGI_API void regi_infer_set_misfit(reg_infer *f, double misfit)
 
 /* ---- columns ---- */
 
-/* root of a local scale (NULL: alike everywhere), and turned_root. 0: there is none. */
-static int regi_infer_find_root(reg_infer *f, const double *local)
+/* root of tractions with a local scale or alike everywhere, and turned_root: they last while the scale does. 0: there
+ * is none. */
+static int regi_infer_find_root(reg_infer *f, int is_local)
 {
     int c = f->model->prior.control_count;
-    if (!regi_prior_root(&f->model->prior, REGI_INFER_LENGTH, local, f->root))
+    if (f->rooted == 1 + is_local)
+        return 1;
+    f->rooted = 0;
+    if (!regi_prior_root(&f->model->prior, REGI_INFER_LENGTH, is_local ? f->local : NULL, f->root))
         return 0;
+    f->rooted = 1 + is_local;
     for (int j = 0; j < c; j++)
         for (int k = 0; k < c; k++)
             f->turned_root[(size_t)k * (size_t)c + (size_t)j] = f->root[(size_t)j * (size_t)c + (size_t)k];
@@ -41,8 +46,8 @@ static void regi_infer_fill_strip(reg_infer *f, int axis, int first, int width)
     for (int j = 0; j < c; j++)
         memcpy(f->tile + (size_t)j * REGI_BLOCK_WIDTH, f->raw + (size_t)(3 * j + axis) * m + (size_t)first,
                (size_t)width * sizeof *f->tile);
-    for (int k = 0; k < c; k += REGI_BLOCK_ROWS) {
-        int have = sbi_min_int(REGI_BLOCK_ROWS, c - k);
+    for (int k = 0; k < c; k += 2 * REGI_BLOCK_ROWS) {
+        int have = sbi_min_int(2 * REGI_BLOCK_ROWS, c - k);
         double *columns = f->gauss.columns + (size_t)(3 * k + axis) * m + (size_t)first;
         regi_block block = {NULL, NULL, REGI_BLOCK_WIDTH, 1, 0, 0};
         block.left = f->tile + (size_t)k * REGI_BLOCK_WIDTH; /* turned_root is 0 before its diagonal */
@@ -102,7 +107,7 @@ static void regi_infer_bind_prior(reg_infer *f, const regi_infer_choice *choice)
 /* The columns of a choice; loads without resultants. */
 REGI_API int regi_infer_set_prior(reg_infer *f, const regi_infer_choice *choice)
 {
-    if (!regi_infer_find_root(f, choice->is_local ? f->local : NULL))
+    if (!regi_infer_find_root(f, choice->is_local))
         return 0;
     regi_infer_fill_tractions(f);
     regi_infer_bind_prior(f, choice);
@@ -145,7 +150,7 @@ static int regi_infer_extend(reg_infer *f)
 {
     regi_gauss *g = &f->gauss;
     int count = g->count, rows = count + g->exact;
-    if (!regi_infer_find_root(f, NULL))
+    if (!regi_infer_find_root(f, 0))
         return 0;
     regi_infer_fill_tractions(f);
     g->count = rows;
@@ -324,6 +329,7 @@ static int regi_infer_localise(reg_infer *f)
             return 0;
         regi_infer_expect_energy(f);
         memcpy(f->trial_local, f->local, bytes);
+        f->rooted = 0;
         regi_prior_localise(&f->model->prior, REGI_INFER_LENGTH, f->energy, f->local);
         trial.is_local = 1;
         if (!regi_infer_set_prior(f, &trial))
@@ -337,6 +343,7 @@ static int regi_infer_localise(reg_infer *f)
             continue;
         }
         memcpy(f->local, f->trial_local, bytes);
+        f->rooted = 0;
         return regi_infer_set_prior(f, &before);
     }
     return 1;

@@ -53,6 +53,7 @@ struct reg_infer {
     sb_vec3 *mark_seen;      /* [landmark_count] m */
     sb_real *mark_sd;        /* [landmark_count] m */
     double *raw;             /* [loads][gauss.most] responses of data, then resultants, to unit tractions and weight */
+    int rooted;              /* root is of tractions alike everywhere: 1, of `local`: 2, of none of them: 0 */
     double *root;            /* [c][c] of the present prior, lower triangle */
     double *turned_root;     /* [c][c] its transpose */
     double *tile;            /* [most or c, the larger][REGI_BLOCK_WIDTH] scratch */

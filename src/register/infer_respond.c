@@ -33,7 +33,7 @@ static void regi_infer_store(reg_infer *f, int at, const sb_vec3 *row)
 static void regi_infer_add_force(reg_infer *f, int datum, int node, sb_vec3 force)
 {
     size_t m = (size_t)f->gauss.most, n = (size_t)f->node_count;
-    sbi_between_add(f->between, datum, node, force);
+    sbi_between_add(f->between, datum, node, regi_response_to_factor(&f->response, force));
     for (size_t k = 0; k < REGI_RESPONSE_MODES; k++)
         f->drift[k * m + (size_t)datum] += (double)sb_v3_dot(force, f->response.drift[k * n + (size_t)node]);
     f->gauss.gap[datum] += (double)sb_v3_dot(force, f->response.recoil[node]);
@@ -126,7 +126,8 @@ static void regi_infer_measure_data(reg_infer *f)
     (void)sbi_between_run(f->between, &tractions); /* the factor is there */
     for (int j = 0; j < p->control_count; j++)
         for (int s = 0; s < g->count; s++)
-            regi_infer_put(f, f->raw + 3 * (size_t)j * m, s, sbi_between_get(f->between, s, j));
+            regi_infer_put(f, f->raw + 3 * (size_t)j * m, s,
+                           regi_response_from_factor(&f->response, sbi_between_get(f->between, s, j)));
     for (size_t axis = 0; axis < REGI_INFER_WEIGHT; axis++) /* the first modes are the weight */
         memcpy(f->raw + (3 * (size_t)p->control_count + axis) * m, f->drift + axis * m,
                (size_t)g->count * sizeof *f->raw);

@@ -96,7 +96,8 @@ REGI_API sb_result regi_infer_round(reg_infer *f, int round, sb_error *error)
     sb_result result;
     if (regi_infer_look(f, round) == 0)
         return sbi_fail(error, SB_ERROR_NOT_CONVERGED, "no point of the target is near a place of the organ");
-    result = regi_response_factor(&f->response, error);
+    result = round == 0 ? regi_response_factor_turned(&f->response, f->def->start.rotation, error)
+                        : regi_response_factor(&f->response, error);
     if (result != SB_OK)
         return result;
     regi_infer_respond(f);

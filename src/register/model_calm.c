@@ -103,6 +103,7 @@ REGI_API sb_result regi_model_find_calm(reg_model *model, sb_error *error)
     calm.response.direct = model->direct;
     if (result == SB_OK)
         result = regi_calm_find(&calm, model, error);
+    model->direct_at_rest = result == SB_OK;
     sbi_free(&model->allocator, memory);
     return result;
 }

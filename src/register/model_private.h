@@ -17,7 +17,8 @@ struct reg_model {
     sb_jobs jobs;
     sb_body *body;        /* neo-Hookean, whatever an application's body is: its tangent is right at strains of a
                            * tenth, where that of corotated bodies bends what is found of the loads */
-    sb_direct *direct;    /* the body's factor of now: one inference at a time */
+    sb_direct *direct;    /* the body's factor: one inference at a time */
+    int direct_at_rest;   /* 1: it is that of the organ at rest */
     sb_mesh mesh;         /* at rest */
     sb_boundary boundary; /* of mesh, compact */
     regi_prior prior;

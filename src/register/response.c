@@ -38,11 +38,32 @@ static void regi_response_stop_drift(const regi_response *r, sb_vec3 *u)
             u[i] = sb_v3_madd(u[i], (sb_real)-c[k], r->drift[(size_t)k * n + i]);
 }
 
+REGI_API sb_vec3 regi_response_to_factor(const regi_response *r, sb_vec3 v)
+{
+    return r->turned ? sb_m3_tapply(r->frame, v) : v;
+}
+
+REGI_API sb_vec3 regi_response_from_factor(const regi_response *r, sb_vec3 v)
+{
+    return r->turned ? sb_m3_apply(r->frame, v) : v;
+}
+
+/* Rows by the factor's inverse, in place. */
+static void regi_response_divide(regi_response *r, sb_vec3 *row, int count)
+{
+    size_t all = (size_t)count * (size_t)r->model->mesh.node_count;
+    for (size_t k = 0; k < all && r->turned; k++)
+        row[k] = sb_m3_tapply(r->frame, row[k]);
+    (void)sb_direct_solve(r->direct, &row[0].x, &row[0].x, count);
+    for (size_t k = 0; k < all && r->turned; k++)
+        row[k] = sb_m3_apply(r->frame, row[k]);
+}
+
 REGI_API void regi_response_solve(regi_response *r, sb_vec3 *row, int count)
 {
     for (int s = 0; s < count; s++)
         regi_response_hold(r, row + (size_t)s * (size_t)r->model->mesh.node_count);
-    (void)sb_direct_solve(r->direct, &row[0].x, &row[0].x, count);
+    regi_response_divide(r, row, count);
     for (int s = 0; s < count && !r->model->held; s++)
         regi_response_stop_drift(r, row + (size_t)s * (size_t)r->model->mesh.node_count);
 }
@@ -68,7 +89,7 @@ static int regi_response_find_drift(regi_response *r)
     memcpy(r->drift, r->weighted_modes, REGI_RESPONSE_MODES * n * sizeof *r->drift);
     memcpy(r->recoil, r->residual, n * sizeof *r->recoil);
     regi_response_hold(r, r->recoil);
-    (void)sb_direct_solve(r->direct, &r->drift[0].x, &r->drift[0].x, REGI_RESPONSE_MODES + 1);
+    regi_response_divide(r, r->drift, REGI_RESPONSE_MODES + 1);
     if (r->model->held)
         return 1;
     for (int k = 0; k < REGI_RESPONSE_MODES; k++)
@@ -84,12 +105,50 @@ static int regi_response_find_drift(regi_response *r)
     return 1;
 }
 
-REGI_API sb_result regi_response_factor(regi_response *r, sb_error *error)
+/* The factor of the body's shape. */
+static sb_result regi_response_renew(regi_response *r, sb_error *error)
 {
     /* what holds nothing-held organs acts on increments only, and balanced loads do not notice */
     sb_real hold = (sb_real)(r->model->held ? 1e-4 : 1e-2) * REGI_MODEL_YOUNG * r->model->size;
-    sb_result result = sbi_body_factor(r->model->body, hold, r->residual, r->direct, error);
-    if (result == SB_OK && !regi_response_find_drift(r))
-        result = sbi_fail(error, SB_ERROR_INDEFINITE, "the organ's stiffness is not positive");
-    return result;
+    if (r->direct == r->model->direct)
+        r->model->direct_at_rest = 0;
+    return sbi_body_factor(r->model->body, hold, r->residual, r->direct, error);
+}
+
+static sb_result regi_response_end_factor(regi_response *r, sb_error *error)
+{
+    if (regi_response_find_drift(r))
+        return SB_OK;
+    return sbi_fail(error, SB_ERROR_INDEFINITE, "the organ's stiffness is not positive");
+}
+
+REGI_API sb_result regi_response_factor(regi_response *r, sb_error *error)
+{
+    sb_result result = regi_response_renew(r, error);
+    r->turned = 0;
+    return result == SB_OK ? regi_response_end_factor(r, error) : result;
+}
+
+/* The factor of the model at rest, wherever its body is. The residual is scratch. */
+static sb_result regi_response_renew_at_rest(regi_response *r, sb_error *error)
+{
+    size_t bytes = (size_t)r->model->mesh.node_count * sizeof(sb_vec3);
+    sb_vec3 *kept = r->drift; /* found anew afterwards */
+    sb_result result;
+    memcpy(kept, sb_body_displacements(r->model->body), bytes);
+    memset(r->residual, 0, bytes);
+    result = sb_body_set_displacements(r->model->body, r->residual);
+    if (result == SB_OK)
+        result = regi_response_renew(r, error);
+    r->model->direct_at_rest = result == SB_OK;
+    return result == SB_OK ? sb_body_set_displacements(r->model->body, kept) : result;
+}
+
+REGI_API sb_result regi_response_factor_turned(regi_response *r, sb_mat3 rotation, sb_error *error)
+{
+    sb_result result = r->model->direct_at_rest ? SB_OK : regi_response_renew_at_rest(r, error);
+    r->turned = 1;
+    r->frame = rotation;
+    memset(r->residual, 0, (size_t)r->model->mesh.node_count * sizeof *r->residual); /* nothing strains it */
+    return result == SB_OK ? regi_response_end_factor(r, error) : result;
 }

@@ -11,6 +11,8 @@ typedef struct regi_response {
     reg_model *model;
     sb_direct *direct;
     sb_vec3 centre;          /* m: turns of the pose are about it; set by the owner */
+    int turned;              /* 1: the factor's frame is another: */
+    sb_mat3 frame;           /* from it to that of now */
     sb_vec3 *residual;       /* [nodes] internal forces of the shape that was factored (N) */
     sb_vec3 *weighted_modes; /* [MODES][nodes] rigid motions times shares of the mass, */
     sb_vec3 *drift;          /* [MODES][nodes] what these as forces do, */
@@ -22,6 +24,12 @@ typedef struct regi_response {
 REGI_API void regi_response_layout(regi_response *response, int node_count, sbi_arena *arena);
 /* Factor and residual of the shape of now. The factor's errors. */
 REGI_API sb_result regi_response_factor(regi_response *response, sb_error *error);
+/* The same where the organ has its shape at rest, turned as told: the factor is that of the organ at rest, which the
+ * model may still have. */
+REGI_API sb_result regi_response_factor_turned(regi_response *response, sb_mat3 rotation, sb_error *error);
+/* A vector of now in the frame of the factor, and one of that in the frame of now. */
+REGI_API sb_vec3 regi_response_to_factor(const regi_response *response, sb_vec3 v);
+REGI_API sb_vec3 regi_response_from_factor(const regi_response *response, sb_vec3 v);
 /* forces[nodes]: a unit rigid motion times shares of the mass; turns are about the centre and by one over the size. */
 REGI_API void regi_response_mode(const regi_response *response, int mode, sb_vec3 *forces);
 /* Motions of `count` rows of forces, row[count][nodes], in place: none of what is held, and
