@@ -15,13 +15,14 @@ typedef float sbi_channels;
 typedef struct sbi_network_row {
     const float *in;
     float *out;
-    const float *weights, *bias; /* of one vector of channels */
+    const float *weights, *bias; /* of the vector of channels that is made */
     size_t in_step, out_step;    /* from node to node */
+    size_t vector;               /* from the weights of one vector to those of the next */
     int inputs, taps;
     ptrdiff_t offsets[SBI_NETWORK_TAPS]; /* from the node to each tap's */
 } sbi_network_row;
 
-/* Eight nodes from x on: as many sums as hide the time that an addition takes. */
+/* One vector of eight nodes from x on: as many sums as hide the time that an addition takes. */
 static void sbi_network_eight(const sbi_network_row *row, size_t x)
 {
     const float *w = row->weights;
@@ -52,7 +53,39 @@ static void sbi_network_eight(const sbi_network_row *row, size_t x)
     SBI_CHANNELS_PUT(out + 7 * to, s7);
 }
 
-/* The same of one. */
+/* Two vectors of four nodes: what is spread over a vector serves both, which without AVX is an instruction less. */
+static void sbi_network_four_pairs(const sbi_network_row *row, size_t x)
+{
+    const float *w = row->weights, *v = w + row->vector;
+    float *out = row->out + x * row->out_step, *next = out + SBI_NETWORK_LANES;
+    size_t step = row->in_step, to = row->out_step;
+    sbi_channels s0 = SBI_CHANNELS_AT(row->bias), s1 = s0, s2 = s0, s3 = s0;
+    sbi_channels r0 = SBI_CHANNELS_AT(row->bias + SBI_NETWORK_LANES), r1 = r0, r2 = r0, r3 = r0;
+    for (int t = 0; t < row->taps; t++) {
+        const float *in = row->in + (ptrdiff_t)(x * step) + row->offsets[t];
+        for (int c = 0; c < row->inputs; c++, in++, w += SBI_NETWORK_LANES, v += SBI_NETWORK_LANES) {
+            sbi_channels first = SBI_CHANNELS_AT(w), second = SBI_CHANNELS_AT(v);
+            s0 += first * in[0];
+            r0 += second * in[0];
+            s1 += first * in[step];
+            r1 += second * in[step];
+            s2 += first * in[2 * step];
+            r2 += second * in[2 * step];
+            s3 += first * in[3 * step];
+            r3 += second * in[3 * step];
+        }
+    }
+    SBI_CHANNELS_PUT(out, s0);
+    SBI_CHANNELS_PUT(out + to, s1);
+    SBI_CHANNELS_PUT(out + 2 * to, s2);
+    SBI_CHANNELS_PUT(out + 3 * to, s3);
+    SBI_CHANNELS_PUT(next, r0);
+    SBI_CHANNELS_PUT(next + to, r1);
+    SBI_CHANNELS_PUT(next + 2 * to, r2);
+    SBI_CHANNELS_PUT(next + 3 * to, r3);
+}
+
+/* One vector of one node. */
 static void sbi_network_one(const sbi_network_row *row, size_t x)
 {
     const float *w = row->weights;
@@ -65,14 +98,31 @@ static void sbi_network_one(const sbi_network_row *row, size_t x)
     SBI_CHANNELS_PUT(row->out + x * row->out_step, sum);
 }
 
-/* Where the number of nodes is no multiple of eight the last ones are made twice. */
-static void sbi_network_fill_row(const sbi_network_row *row, size_t nodes)
+/* A row of as many vectors as the answer says, of those that are left. Nodes that fill no group are made twice. */
+static size_t sbi_network_fill_vectors(const sbi_network_row *row, size_t nodes, size_t left)
 {
     size_t x = 0;
+    if (left > 1 && nodes >= 4) {
+        for (; x < nodes; x += 4)
+            sbi_network_four_pairs(row, x + 4 <= nodes ? x : nodes - 4);
+        return 2;
+    }
     for (; nodes >= 8 && x < nodes; x += 8)
         sbi_network_eight(row, x + 8 <= nodes ? x : nodes - 8);
     for (; x < nodes; x++)
         sbi_network_one(row, x);
+    return 1;
+}
+
+/* All channels, from the first vector on. */
+static void sbi_network_fill_row(sbi_network_row row, size_t nodes, size_t channels)
+{
+    for (size_t left = channels / SBI_NETWORK_LANES, made; left > 0; left -= made) {
+        made = sbi_network_fill_vectors(&row, nodes, left);
+        row.out += made * SBI_NETWORK_LANES;
+        row.bias += made * SBI_NETWORK_LANES;
+        row.weights += made * row.vector;
+    }
 }
 
 static void sbi_network_activate(const sbi_network_layer *layer, float *row)
@@ -96,22 +146,19 @@ static void sbi_network_offsets(const sbi_network_layer *layer, const sbi_tensor
 static void sbi_network_convolve(const sbi_network_layer *layer, const sbi_tensor *in, size_t z)
 {
     const sbi_tensor *out = &layer->out;
-    size_t vector = (size_t)(sbi_network_taps(layer) * layer->inputs) * SBI_NETWORK_LANES;
     sbi_network_row row;
     sbi_network_offsets(layer, in, &row);
     row.inputs = layer->inputs;
     row.in_step = in->node;
     row.out_step = out->node;
+    row.vector = (size_t)(row.taps * row.inputs) * SBI_NETWORK_LANES;
+    row.weights = layer->weights;
+    row.bias = layer->bias;
     for (size_t y = 0; y < (size_t)out->counts[1]; y++) {
-        float *to = out->data + z * out->plane + y * out->row;
+        row.out = out->data + z * out->plane + y * out->row;
         row.in = in->data + z * in->plane + y * in->row;
-        for (size_t b = 0; b * SBI_NETWORK_LANES < out->node; b++) {
-            row.out = to + b * SBI_NETWORK_LANES;
-            row.weights = layer->weights + b * vector;
-            row.bias = layer->bias + b * SBI_NETWORK_LANES;
-            sbi_network_fill_row(&row, (size_t)out->counts[0]);
-        }
-        sbi_network_activate(layer, to);
+        sbi_network_fill_row(row, (size_t)out->counts[0], out->node);
+        sbi_network_activate(layer, row.out);
     }
 }
 
@@ -119,23 +166,23 @@ static void sbi_network_convolve(const sbi_network_layer *layer, const sbi_tenso
 static void sbi_network_upsample(const sbi_network_layer *layer, const sbi_tensor *in, size_t z)
 {
     const sbi_tensor *out = &layer->out;
-    size_t tap = (size_t)layer->inputs * SBI_NETWORK_LANES, vector = 8 * tap;
+    size_t tap = (size_t)layer->inputs * SBI_NETWORK_LANES;
     sbi_network_row row;
     row.taps = 1;
     row.offsets[0] = 0;
     row.inputs = layer->inputs;
     row.in_step = in->node;
     row.out_step = 2 * out->node;
+    row.vector = 8 * tap;
+    row.bias = layer->bias;
     for (size_t y = 0; y < (size_t)out->counts[1]; y++) {
         float *to = out->data + z * out->plane + y * out->row;
         row.in = in->data + z / 2 * in->plane + y / 2 * in->row;
-        for (size_t b = 0; b * SBI_NETWORK_LANES < out->node; b++)
-            for (size_t x = 0; x < 2; x++) {
-                row.out = to + x * out->node + b * SBI_NETWORK_LANES;
-                row.weights = layer->weights + b * vector + (4 * (z % 2) + 2 * (y % 2) + x) * tap;
-                row.bias = layer->bias + b * SBI_NETWORK_LANES;
-                sbi_network_fill_row(&row, (size_t)in->counts[0]);
-            }
+        for (size_t x = 0; x < 2; x++) {
+            row.out = to + x * out->node;
+            row.weights = layer->weights + (4 * (z % 2) + 2 * (y % 2) + x) * tap;
+            sbi_network_fill_row(row, (size_t)in->counts[0], out->node);
+        }
         sbi_network_activate(layer, to);
     }
 }
