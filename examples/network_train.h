@@ -49,6 +49,7 @@ typedef struct train_network {
     train_layer layers[TRAIN_LAYERS];
     size_t weight_count;
     train_real *weights, *gradient, *mean, *square; /* the last two are Adam's */
+    train_real *turned;                             /* [inputs][outputs] of one tap */
     const train_real *input;
 } train_network;
 
@@ -114,7 +115,7 @@ static inline void train_free(train_network *n)
         free(n->layers[l].out);
         free(n->layers[l].slope);
     }
-    free(n->weights);
+    free(n->weights), free(n->turned);
     memset(n, 0, sizeof *n);
 }
 
@@ -146,6 +147,7 @@ static inline void train_shake(train_network *n, uint64_t seed)
 static inline int train_allocate(train_network *n, uint64_t seed)
 {
     int good = 1;
+    size_t largest = 1; /* of the taps */
     n->weights = (train_real *)calloc(n->weight_count, 4 * sizeof(train_real));
     for (int l = 0; l < n->layer_count; l++) {
         train_layer *layer = &n->layers[l];
@@ -153,8 +155,11 @@ static inline int train_allocate(train_network *n, uint64_t seed)
         layer->out = (train_real *)calloc(count, sizeof(train_real));
         layer->slope = (train_real *)calloc(count, sizeof(train_real));
         good = good && layer->out && layer->slope;
+        count = (size_t)layer->inputs * (size_t)layer->outputs;
+        largest = largest < count ? count : largest;
     }
-    if (!good || !n->weights) {
+    n->turned = (train_real *)malloc(largest * sizeof(train_real));
+    if (!good || !n->weights || !n->turned) {
         train_free(n);
         return 0;
     }
@@ -165,48 +170,123 @@ static inline int train_allocate(train_network *n, uint64_t seed)
     return 1;
 }
 
-/* ---- one tap of one node: the sums that all layers with weights are made of ---- */
+/* ---- products: the sums that all layers with weights are made of ---- */
 
-/* The node of the input that a tap of node (x, y, z) of the output sees; 0: none. */
-static inline int train_tap(const train_layer *layer, const int sides[3], int tap, const int at[3], size_t *node)
+/* Numbers of a vector, where the compiler has them. */
+#if defined(__GNUC__) && !defined(SB_NO_VECTORS)
+#if defined(__AVX__)
+enum { TRAIN_LANES = 32 / sizeof(train_real) };
+#else
+enum { TRAIN_LANES = 16 / sizeof(train_real) };
+#endif
+typedef train_real train_lanes
+    __attribute__((vector_size(TRAIN_LANES * sizeof(train_real)), aligned(sizeof(train_real)), may_alias));
+#define TRAIN_INLINE static inline __attribute__((always_inline))
+#else
+enum { TRAIN_LANES = 1 };
+typedef train_real train_lanes;
+#define TRAIN_INLINE static inline
+#endif
+#if defined(__GNUC__) && !defined(__clang__) && __GNUC__ >= 8
+#define TRAIN_EACH_ROW(r, rows) _Pragma("GCC unroll 8") for (size_t r = 0; r < (rows); r++)
+#else
+#define TRAIN_EACH_ROW(r, rows) for (size_t r = 0; r < (rows); r++)
+#endif
+
+/* out[rows][columns] += a[rows][terms] b[terms][columns]; columns lie side by side in out and b. */
+typedef struct train_product {
+    const train_real *a, *b;
+    train_real *out;
+    size_t rows, terms, columns;
+    size_t a_row, a_term, b_term, out_row; /* from one to the next */
+} train_product;
+
+/* One vector of columns of so many rows, a literal: their sums stay in registers. */
+TRAIN_INLINE void train_tile(const train_product *p, size_t row, size_t column, size_t rows)
 {
-    int k = layer->kernel, place[3];
-    const int taps[3] = {tap % k, tap / k % k, tap / (k * k)};
+    const train_real *a = p->a + row * p->a_row, *b = p->b + column;
+    train_real *out = p->out + row * p->out_row + column;
+    size_t a_row = p->a_row, out_row = p->out_row;
+    train_lanes sums[8];
+    TRAIN_EACH_ROW(r, rows)
+    sums[r] = *(const train_lanes *)(const void *)(out + r * out_row);
+    for (size_t k = 0; k < p->terms; k++, a += p->a_term, b += p->b_term) {
+        train_lanes factors = *(const train_lanes *)(const void *)b;
+        TRAIN_EACH_ROW(r, rows)
+        sums[r] += factors * a[r * a_row];
+    }
+    TRAIN_EACH_ROW(r, rows)
+    *(train_lanes *)(void *)(out + r * out_row) = sums[r];
+}
+
+/* Columns that fill no vector. */
+static inline void train_rest(const train_product *p, size_t row, size_t column)
+{
+    for (; column < p->columns; column++) {
+        train_real sum = p->out[row * p->out_row + column];
+        for (size_t k = 0; k < p->terms; k++)
+            sum += p->a[row * p->a_row + k * p->a_term] * p->b[k * p->b_term + column];
+        p->out[row * p->out_row + column] = sum;
+    }
+}
+
+static inline void train_multiply(const train_product *p)
+{
+    size_t whole = p->columns / TRAIN_LANES * TRAIN_LANES;
+    for (size_t row = 0, rows; row < p->rows; row += rows) {
+        size_t left = p->rows - row;
+        rows = left >= 8 ? 8 : left >= 4 ? 4 : left >= 2 ? 2 : 1;
+        for (size_t column = 0; column < whole; column += TRAIN_LANES)
+            switch (rows) {
+            case 8: train_tile(p, row, column, 8); break;
+            case 4: train_tile(p, row, column, 4); break;
+            case 2: train_tile(p, row, column, 2); break;
+            default: train_tile(p, row, column, 1); break;
+            }
+        for (size_t r = 0; r < rows; r++)
+            train_rest(p, row + r, whole);
+    }
+}
+
+/* ---- taps ---- */
+
+/* The nodes that a tap of the kernel joins: rows along x of the input's lattice and the output's. */
+typedef struct train_tap {
+    size_t counts[3], step;         /* nodes; from one to the next in the output, 1 in the input */
+    size_t in[3], out[3];           /* the first of each */
+    size_t in_side[2], out_side[2]; /* nodes of the lattices along x and y */
+} train_tap;
+
+static inline train_tap train_tap_of(const train_layer *layer, const int sides[3], int number)
+{
+    const int k = layer->kernel, taps[3] = {number % k, number / k % k, number / (k * k)};
+    train_tap tap;
+    tap.step = layer->kind == SB_LAYER_UPSAMPLE ? 2 : 1;
     for (int axis = 0; axis < 3; axis++) {
-        if (layer->kind == SB_LAYER_UPSAMPLE) {
-            if (at[axis] % 2 != taps[axis])
-                return 0;
-            place[axis] = at[axis] / 2;
-        } else {
-            place[axis] = at[axis] + taps[axis] - k / 2;
-            if (place[axis] < 0 || place[axis] >= sides[axis])
-                return 0;
-        }
+        int shift = layer->kind == SB_LAYER_UPSAMPLE ? 0 : taps[axis] - k / 2, beyond = shift < 0 ? -shift : shift;
+        tap.counts[axis] = (size_t)(sides[axis] > beyond ? sides[axis] - beyond : 0);
+        tap.in[axis] = (size_t)(shift > 0 ? shift : 0);
+        tap.out[axis] = (size_t)(layer->kind == SB_LAYER_UPSAMPLE ? taps[axis] : shift < 0 ? -shift : 0);
     }
-    *node = ((size_t)place[2] * (size_t)sides[1] + (size_t)place[1]) * (size_t)sides[0] + (size_t)place[0];
-    return 1;
+    for (int axis = 0; axis < 2; axis++) {
+        tap.in_side[axis] = (size_t)sides[axis];
+        tap.out_side[axis] = (size_t)layer->counts[axis];
+    }
+    return tap;
 }
 
-static inline void train_add_tap(const train_real *w, const train_real *in, int inputs, train_real *out, int outputs)
+static inline size_t train_tap_rows(const train_tap *tap)
 {
-    for (int c = 0; c < inputs; c++, w += outputs)
-        for (int o = 0; o < outputs; o++)
-            out[o] += in[c] * w[o];
+    return tap->counts[0] ? tap->counts[1] * tap->counts[2] : 0;
 }
 
-/* Slopes by the input (NULL: not wanted) and the weights. */
-static inline void train_add_slopes(const train_real *w, const train_real *in, int inputs, const train_real *slope,
-                                    int outputs, train_real *by_in, train_real *by_w)
+/* The first nodes of a row. */
+static inline void train_tap_row(const train_tap *tap, size_t row, size_t *in, size_t *out)
 {
-    for (int c = 0; c < inputs; c++, w += outputs, by_w += outputs) {
-        train_real sum = 0;
-        for (int o = 0; o < outputs; o++)
-            by_w[o] += in[c] * slope[o];
-        for (int o = 0; by_in && o < outputs; o++)
-            sum += w[o] * slope[o];
-        if (by_in)
-            by_in[c] += sum;
-    }
+    size_t y = row % tap->counts[1], z = row / tap->counts[1];
+    *in = ((tap->in[2] + z) * tap->in_side[1] + tap->in[1] + y) * tap->in_side[0] + tap->in[0];
+    *out = ((tap->out[2] + z * tap->step) * tap->out_side[1] + tap->out[1] + y * tap->step) * tap->out_side[0] +
+           tap->out[0];
 }
 
 /* ---- forward ---- */
@@ -233,23 +313,32 @@ static inline void train_place(const int counts[3], size_t node, int at[3])
     at[2] = (int)(node / ((size_t)counts[0] * (size_t)counts[1]));
 }
 
+static inline void train_forward_tap(const train_layer *layer, train_view from, int number, const train_real *w)
+{
+    train_tap tap = train_tap_of(layer, from.counts, number);
+    size_t inputs = (size_t)layer->inputs, outputs = (size_t)layer->outputs;
+    train_product p = {NULL, w, NULL, tap.counts[0], inputs, outputs, inputs, 1, outputs, tap.step * outputs};
+    for (size_t row = 0; row < train_tap_rows(&tap); row++) {
+        size_t in, out;
+        train_tap_row(&tap, row, &in, &out);
+        p.a = from.in + in * inputs;
+        p.out = layer->out + out * outputs;
+        train_multiply(&p);
+    }
+}
+
 static inline void train_forward_weights(const train_network *n, const train_layer *layer, train_view from)
 {
-    int taps = layer->kernel * layer->kernel * layer->kernel, outputs = layer->outputs;
-    const train_real *w = n->weights + layer->weights, *bias = w + layer->weight_count - (size_t)outputs;
-    for (size_t i = 0; i < train_nodes(layer->counts); i++) {
-        train_real *out = layer->out + i * (size_t)outputs;
-        int at[3];
-        size_t node;
-        train_place(layer->counts, i, at);
-        memcpy(out, bias, (size_t)outputs * sizeof *out);
-        for (int t = 0; t < taps; t++)
-            if (train_tap(layer, from.counts, t, at, &node))
-                train_add_tap(w + (size_t)(t * layer->inputs) * (size_t)outputs, from.in + node * (size_t)layer->inputs,
-                              layer->inputs, out, outputs);
-        for (int o = 0; layer->activation == SB_ACTIVATION_RELU && o < outputs; o++)
-            out[o] = out[o] < 0 ? 0 : out[o];
-    }
+    int taps = layer->kernel * layer->kernel * layer->kernel;
+    size_t nodes = train_nodes(layer->counts), outputs = (size_t)layer->outputs;
+    const train_real *w = n->weights + layer->weights, *bias = w + layer->weight_count - outputs;
+    for (size_t i = 0; i < nodes; i++)
+        memcpy(layer->out + i * outputs, bias, outputs * sizeof *bias);
+    for (int t = 0; t < taps; t++)
+        train_forward_tap(layer, from, t, w + (size_t)(t * layer->inputs) * outputs);
+    if (layer->activation == SB_ACTIVATION_RELU)
+        for (size_t i = 0; i < nodes * outputs; i++)
+            layer->out[i] = layer->out[i] < 0 ? 0 : layer->out[i];
 }
 
 /* The first of the eight that has the largest number: as sb_network has it, and where the slope goes. */
@@ -296,28 +385,60 @@ static inline const train_real *train_forward(train_network *n, const train_real
 
 /* ---- backward ---- */
 
-static inline void train_backward_weights(const train_network *n, const train_layer *layer, train_view from)
+/* Slopes by what is before the activation, and their sums by the biases. */
+static inline void train_backward_bias(const train_layer *layer, train_real *by_bias)
 {
-    int taps = layer->kernel * layer->kernel * layer->kernel, outputs = layer->outputs;
-    const train_real *w = n->weights + layer->weights;
-    train_real *by_w = n->gradient + layer->weights, *by_bias = by_w + layer->weight_count - (size_t)outputs;
+    size_t outputs = (size_t)layer->outputs;
     for (size_t i = 0; i < train_nodes(layer->counts); i++) {
-        train_real *slope = layer->slope + i * (size_t)outputs;
-        const train_real *out = layer->out + i * (size_t)outputs;
-        int at[3];
-        size_t node;
-        train_place(layer->counts, i, at);
-        for (int o = 0; o < outputs; o++) {
+        train_real *slope = layer->slope + i * outputs;
+        const train_real *out = layer->out + i * outputs;
+        for (size_t o = 0; o < outputs; o++) {
             if (layer->activation == SB_ACTIVATION_RELU && !(out[o] > 0))
                 slope[o] = 0;
             by_bias[o] += slope[o];
         }
-        for (int t = 0; t < taps; t++)
-            if (train_tap(layer, from.counts, t, at, &node)) {
-                size_t place = (size_t)(t * layer->inputs) * (size_t)outputs, in = node * (size_t)layer->inputs;
-                train_add_slopes(w + place, from.in + in, layer->inputs, slope, outputs,
-                                 from.slope ? from.slope + in : NULL, by_w + place);
-            }
+    }
+}
+
+/* Slopes by the weights of a tap, and by the input, for which weights are turned to [outputs][inputs]. */
+static inline void train_backward_tap(const train_layer *layer, train_view from, int number, const train_real *turned,
+                                      train_real *by_w)
+{
+    train_tap tap = train_tap_of(layer, from.counts, number);
+    size_t inputs = (size_t)layer->inputs, outputs = (size_t)layer->outputs, step = tap.step * outputs;
+    train_product by_weights = {NULL, NULL, by_w, inputs, tap.counts[0], outputs, 1, inputs, step, outputs};
+    train_product by_input = {NULL, turned, NULL, tap.counts[0], outputs, inputs, step, 1, inputs, inputs};
+    for (size_t row = 0; row < train_tap_rows(&tap); row++) {
+        size_t in, out;
+        train_tap_row(&tap, row, &in, &out);
+        by_weights.a = from.in + in * inputs;
+        by_weights.b = by_input.a = layer->slope + out * outputs;
+        train_multiply(&by_weights);
+        if (!from.slope)
+            continue;
+        by_input.out = from.slope + in * inputs;
+        train_multiply(&by_input);
+    }
+}
+
+static inline void train_turn(const train_real *w, int inputs, int outputs, train_real *turned)
+{
+    for (int c = 0; c < inputs; c++)
+        for (int o = 0; o < outputs; o++)
+            turned[o * inputs + c] = w[c * outputs + o];
+}
+
+static inline void train_backward_weights(const train_network *n, const train_layer *layer, train_view from)
+{
+    int taps = layer->kernel * layer->kernel * layer->kernel;
+    size_t tap = (size_t)layer->inputs * (size_t)layer->outputs;
+    const train_real *w = n->weights + layer->weights;
+    train_real *by_w = n->gradient + layer->weights;
+    train_backward_bias(layer, by_w + layer->weight_count - (size_t)layer->outputs);
+    for (int t = 0; t < taps; t++) {
+        if (from.slope)
+            train_turn(w + (size_t)t * tap, layer->inputs, layer->outputs, n->turned);
+        train_backward_tap(layer, from, t, n->turned, by_w + (size_t)t * tap);
     }
 }
 

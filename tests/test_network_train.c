@@ -32,24 +32,24 @@ static void make(train_network *n, const int counts[3], int inputs, int levels, 
     CHECK(train_allocate(n, seed) == 1);
 }
 
-/* Weights of all layers of a U-Net, with biases that are not 0. */
-static void test_gradient(void)
+/* Every so many weights of all layers of a U-Net, with biases that are not 0. */
+static void check_gradient(const int counts[3], int inputs, int levels, int channels, size_t every)
 {
-    static const int counts[3] = {4, 4, 8};
     const double h = 1e-6;
     train_network n;
     double *input, *target, largest = 0, off = 0;
     unsigned char *mask;
     unsigned long long seed = 5;
     size_t nodes = train_nodes(counts);
-    make(&n, counts, 2, 2, 2, 3);
+    make(&n, counts, inputs, levels, channels, 3);
     for (size_t i = 0; i < n.weight_count; i++)
         n.weights[i] += check_random_in(&seed, -0.1, 0.1);
-    input = random_values(2 * nodes, 1), target = random_values(3 * nodes, 2), mask = random_mask(nodes, 3);
+    input = random_values((size_t)inputs * nodes, 1), target = random_values(3 * nodes, 2);
+    mask = random_mask(nodes, 3);
     train_forward(&n, input);
     CHECK(train_measure(&n, target, mask) > 0.1);
     train_backward(&n);
-    for (size_t i = 0; i < n.weight_count; i += 5) { /* which no number of channels is a multiple of */
+    for (size_t i = 0; i < n.weight_count; i += every) {
         double before = n.weights[i], more, less;
         n.weights[i] = before + h;
         train_forward(&n, input);
@@ -65,6 +65,16 @@ static void test_gradient(void)
     CHECK_NEAR(off / largest, 0, 1e-7);
     train_free(&n);
     free(input), free(target), free(mask);
+}
+
+/* Few channels and many, which fill vectors or not, in rows of nodes that fill tiles or not. No number of channels is a
+ * multiple of the steps. */
+static void test_gradient(void)
+{
+    static const int counts[3][3] = {{4, 4, 8}, {22, 2, 2}, {2, 6, 4}};
+    check_gradient(counts[0], 2, 2, 2, 5);
+    check_gradient(counts[1], 7, 1, 11, 61);
+    check_gradient(counts[2], 5, 1, 16, 127);
 }
 
 /* The library runs what was written as it was trained. */
