@@ -406,9 +406,15 @@ expect 0 'trained: 8 samples, 3 epochs' umesh train beam.csv again.sbnet $beam -
 check "training twice gives the same weights" cmp -s beam.sbnet again.sbnet
 expect 0 '^relative error: median .* of 2 samples' umesh evaluate beam.csv beam.sbnet $beam -o errors
 check "starts from a network are compared" grep -q '^starts: 2 solves' output.txt
-check "a chart and its numbers" eval 'grep -q "relative error" errors.svg && [ "$(wc -l <errors.csv | tr -d " ")" = 3 ]'
+check "a chart, its numbers and a picture" eval 'grep -q "relative error" errors.svg && [ "$(wc -l <errors.csv | tr -d " ")" = 3 ] &&
+    is_png errors.png'
+expect 0 '^trained in' umesh all $beam --channels 2 --epochs 3 -o again
+check "weights and a picture of all at once" eval 'is_png again.png && [ -s again.sbnet ]'
+expect 0 '^targets: median .* mm' umesh all --organ box.obj $beam --channels 1 --epochs 1 -o cube
+expect 2 'is no surface of triangles' umesh all --organ volume.vtk $beam
+expect 2 'no-such.obj' umesh all --organ no-such.obj $beam
 expect 0 '^umesh generate DATA' umesh --help
-expect 2 'must be generate, train or evaluate' umesh
+expect 2 'must be generate, train, evaluate or all' umesh
 expect 2 'is none of generate' umesh guess beams.csv
 expect 2 'needs DATA and WEIGHTS' umesh train beams.csv
 expect 2 'needs a multiple of 8' umesh generate x.csv --along 12
@@ -416,7 +422,7 @@ expect 2 'has not all samples' umesh train beams.csv x.sbnet $beam --seed 5
 expect 2 'no-such-file' umesh train no-such-file.csv x.sbnet $beam
 expect 2 'are not the bytes of a weights file' umesh evaluate beams.csv beams.csv $beam
 expect 0 'generate: 5 samples' umesh generate wide.csv --along 16 --samples 5
-expect 2 'is of another beam' umesh evaluate wide.csv beam.sbnet --along 16 --samples 5
+expect 2 'is of another lattice' umesh evaluate wide.csv beam.sbnet --along 16 --samples 5
 expect 2 'no-such-folder' umesh train beams.csv no-such-folder/x $beam --channels 1 --epochs 1
 expect 2 'no-such-folder' umesh evaluate beams.csv beam.sbnet $beam -o no-such-folder/x
 
