@@ -27,7 +27,7 @@
 typedef struct settings {
     const char *out, *shard; /* NAME of files */
     tissue_def tissue;
-    int samples, seed, channels, epochs, batch, solves, help;
+    int samples, seed, levels, channels, epochs, batch, solves, help;
     double rate;
 } settings;
 
@@ -222,7 +222,7 @@ static int test_begin(const work *w) { return w->count - (w->count + 4) / 5; }
 static void begin_network(const work *w, train_network *n)
 {
     train_begin(n, w->t.counts, SB_NETWORK_CHANNELS);
-    train_add_unet(n, 3, w->set->channels);
+    train_add_unet(n, w->set->levels, w->set->channels);
     n->spacing[0] = n->spacing[1] = n->spacing[2] = w->t.cell;
     n->length = w->t.length;
     n->poisson = poisson;
@@ -429,12 +429,16 @@ static int write_chart(const work *w, const score *sorted, int count)
     return 0;
 }
 
-/* The network's answer for sample k, and how good it is. */
+/* The network's answer for sample k, with what is held where it belongs as sb_network_predict puts it, and how good it
+ * is. */
 static int answer(work *w, sb_network *network, int k, score *made)
 {
     double size = fill_sample(w, k);
     if (sb_network_run(network, w->input, w->output))
         return complain("the network", "gives what is no number", EXIT_SOLVE);
+    for (int i = 0; i < w->t.grid.mesh.node_count; i++)
+        if (tissue_is_held(&w->t, w->t.grid.mesh.nodes[i]))
+            memset(w->output + 3 * w->t.place[i], 0, 3 * sizeof(float));
     made->sample = k;
     made->relative = error_of(w);
     made->target = target_error(w, size);
@@ -489,7 +493,7 @@ static double add_guesses(work *w, sb_network *network, const score *sorted, int
     size_t nodes = (size_t)w->t.grid.mesh.node_count, rows = (size_t)w->t.skin.node_count;
     sb_vec3 *memory = (sb_vec3 *)malloc((2 * nodes + rows) * sizeof *memory), *places = memory + 2 * nodes;
     sb_real *distances = (sb_real *)malloc(rows * sizeof *distances);
-    double apart = 1.3 * w->t.cell * w->t.grid.counts[1], most = 0;
+    double apart = (w->t.is_organ ? 1.3 : 2.5) * w->t.cell * w->t.grid.counts[1], most = 0;
     for (int k = 0; k < SHOWN && memory && distances && most >= 0; k++) {
         const score *shown = sorted + (2 * k + 1) * count / (2 * SHOWN);
         sb_mesh skin = w->t.skin;
@@ -521,7 +525,7 @@ static int draw(work *w, sb_network *network, const score *sorted, int count)
     int result;
     picture_begin(&p, width, height);
     most = add_guesses(w, network, sorted, count, &p, high);
-    picture_render(&p, 60, 25);
+    picture_render(&p, 55, 30);
     picture_colour_bar(&p, "off the solution", "mm", 0, high, most);
     picture_length_bar(&p);
     snprintf(details, sizeof details, "%d samples learnt; relative error of these %.3f to %.3f", test_begin(w),
@@ -614,7 +618,7 @@ static int run(work *w, const char *const files[3])
 
 static int program(int argc, char **argv)
 {
-    settings set = {"umesh", "1/1", {NULL, 32, 0}, 200, 1, 8, 40, 4, 10, 0, 1e-3};
+    settings set = {"umesh", "1/1", {NULL, 32, 0}, 200, 1, 2, 8, 40, 1, 10, 0, 1e-3};
     const char *files[3] = {NULL, NULL, NULL};
     const option options[] = {
         {"--samples", "N", OPTION_INTEGER, &set.samples, NULL, NULL, 5, 1e6, "static solves, all of a study's"},
@@ -623,6 +627,7 @@ static int program(int argc, char **argv)
         {"--organ", "FILE", OPTION_TEXT, NULL, NULL, &set.tissue.organ, 0, 0, "its surface (m) instead of a beam"},
         {"--force", "N", OPTION_NUMBER, NULL, &set.tissue.force, NULL, 0, 1e6, "the strongest (N); 0: by size"},
         {"--shard", "I/N", OPTION_TEXT, NULL, NULL, &set.shard, 0, 0, "generate: the I-th of N shares"},
+        {"--levels", "N", OPTION_INTEGER, &set.levels, NULL, NULL, 1, 3, "train: times that nodes are pooled"},
         {"--channels", "N", OPTION_INTEGER, &set.channels, NULL, NULL, 1, 128, "train: channels of the first layer"},
         {"--epochs", "N", OPTION_INTEGER, &set.epochs, NULL, NULL, 1, 1e6, "train: times that all samples are seen"},
         {"--batch", "N", OPTION_INTEGER, &set.batch, NULL, NULL, 1, 1e4, "train: samples of a step"},
