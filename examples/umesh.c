@@ -623,7 +623,8 @@ static int program(int argc, char **argv)
     const option options[] = {
         {"--samples", "N", OPTION_INTEGER, &set.samples, NULL, NULL, 5, 1e6, "static solves, all of a study's"},
         {"--seed", "N", OPTION_INTEGER, &set.seed, NULL, NULL, 0, 1e9, "of chance"},
-        {"--along", "N", OPTION_INTEGER, &set.tissue.along, NULL, NULL, 8, 1024, "nodes along it, a multiple of 8"},
+        {"--along", "N", OPTION_INTEGER, &set.tissue.along, NULL, NULL, 8, 1024,
+         "nodes along it, of a beam a multiple of 8"},
         {"--organ", "FILE", OPTION_TEXT, NULL, NULL, &set.tissue.organ, 0, 0, "its surface (m) instead of a beam"},
         {"--force", "N", OPTION_NUMBER, NULL, &set.tissue.force, NULL, 0, 1e6, "the strongest (N); 0: by size"},
         {"--shard", "I/N", OPTION_TEXT, NULL, NULL, &set.shard, 0, 0, "generate: the I-th of N shares"},
@@ -649,8 +650,8 @@ static int program(int argc, char **argv)
     }
     if (!files[0])
         return complain("the first word", "must be generate, train, evaluate or all", EXIT_USAGE);
-    if (set.tissue.along % 8 != 0)
-        return complain("--along", "needs a multiple of 8", EXIT_USAGE);
+    if (!set.tissue.organ && set.tissue.along % 8 != 0)
+        return complain("--along", "needs a multiple of 8 for a beam", EXIT_USAGE);
     memset(&w, 0, sizeof w);
     w.set = &set;
     status = run(&w, files);

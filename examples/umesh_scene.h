@@ -18,7 +18,7 @@ static const double young = 3000, poisson = 0.45; /* Pa */
 
 typedef struct tissue_def {
     const char *organ; /* file of its surface (m), NULL: a beam */
-    int along;         /* nodes along its longest side, a multiple of 8 */
+    int along;         /* nodes along its longest side, of a beam a multiple of 8 */
     double force;      /* N, of the strongest sample; 0: by size */
 } tissue_def;
 
