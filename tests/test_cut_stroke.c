@@ -9,13 +9,14 @@
 
 /* A block that shakes by some percent between frames, cut through; returns the number of its parts that are larger than
  * an element, and counts the others. */
-static int cut_shaking(int lattice, unsigned long long seed, double speed, int *crumbs)
+static int cut_shaking(int lattice, unsigned long long seed, double speed, int keeps_rings, int *crumbs)
 {
     double volumes[64], element = (double)(block_size.x * block_size.y * block_size.z) / 720;
     block_options options = block_default(lattice);
     block b = block_make(&options);
     blade of = blade_random(&seed);
     int stroke, parts, large = 0;
+    b.cut->keeps_rings = keeps_rings;
     block_shake_at(&b, speed);
     block_step(&b, 2);
     stroke = begin(&b, &of);
@@ -36,10 +37,23 @@ static void test_shaking(void)
     int rounds = check_quick() ? 6 : 45, crumbs = 0;
     for (int round = 0; round < rounds; round++) {
         int lattice = round % 3 < 2 ? 1 : 2;
-        if (!CHECK_INT(cut_shaking(lattice, 100 + (unsigned long long)round, speeds[round / 3 % 3], &crumbs), 2))
+        if (!CHECK_INT(cut_shaking(lattice, 100 + (unsigned long long)round, speeds[round / 3 % 3], 0, &crumbs), 2))
             printf("round %d, lattice %d\n", round, lattice);
     }
     CHECK(crumbs <= rounds / 10); /* at edges of the block */
+}
+
+/* Strips that join where the edge was in the tissue leave few threads: one of 40 blocks that shake by 9 percent between
+ * frames hangs on such a link where the rule of rings is off. */
+static void test_thread(void)
+{
+    const unsigned long long seed = 123;
+    int crumbs = 0;
+    if (SB_REAL_IS_FLOAT)
+        return; /* another motion */
+    for (int lattice = 1; lattice <= 2; lattice++)
+        for (int keeps_rings = 0; keeps_rings < 2; keeps_rings++)
+            CHECK_INT(cut_shaking(lattice, seed, 0.2, keeps_rings, &crumbs), keeps_rings ? 1 : 2);
 }
 
 /* Cuts at rest leave no link in a ring, but on edges of the block that the border of a cut passes just inside of. */
@@ -574,11 +588,11 @@ static void test_first_triangle(void)
     block_free(&both);
 }
 
-CHECK_SUITE(cut_stroke, {"shaking blocks part in two", test_shaking}, {"cuts at rest close no rings", test_rest},
-            {"a link in a ring", test_ring}, {"a blade at rest cuts what moves", test_resting_blade},
-            {"one call or many", test_frames}, {"beside the body", test_beside}, {"states", test_states},
-            {"cuts that part nothing", test_unparted}, {"damaged states", test_bad_states},
-            {"recordings", test_recording}, {"threads", test_threads},
+CHECK_SUITE(cut_stroke, {"shaking blocks part in two", test_shaking}, {"a thread", test_thread},
+            {"cuts at rest close no rings", test_rest}, {"a link in a ring", test_ring},
+            {"a blade at rest cuts what moves", test_resting_blade}, {"one call or many", test_frames},
+            {"beside the body", test_beside}, {"states", test_states}, {"cuts that part nothing", test_unparted},
+            {"damaged states", test_bad_states}, {"recordings", test_recording}, {"threads", test_threads},
             {"every allocation fails in turn", test_no_memory}, {"no allocation", test_no_allocation},
             {"mistakes are named", test_mistakes}, {"places in pieces", test_piece_at}, {"blade trees", test_tree},
             {"the first triangle decides", test_first_triangle});

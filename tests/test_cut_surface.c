@@ -71,7 +71,7 @@ static void test_planes(void)
         surfaces = check_closed(&d, &euler);
         CHECK_INT(surfaces, 2);
         CHECK_INT(euler, 4);
-        CHECK_NEAR(area_of(&d, SB_CUT_LIP), 2 * y * z * sqrt(1 + slope * slope), 10 * close * y * z);
+        CHECK_NEAR(area_of(&d, SB_CUT_LIP), 2 * y * z * sqrt(1 + slope * slope), 2 * close * y * z);
         CHECK_NEAR(area_of(&d, SB_CUT_SKIN), skin, scene_tolerance(1e-13, 200) * skin);
         worst = fmax(worst, check_volumes(&b, &d));
         check_vertices(&b, &d);
