@@ -24,7 +24,7 @@
  * WHAT IT DOES NOT DO
  *
  * Shafts do not touch the tissue's skin from outside, needles do not touch each other, and a tip that reaches the far
- * side of the tissue is stopped there.
+ * side of the tissue is stopped there, but for where that was burnt away.
  *
  * Within the first edge below curved skin single steps may have forces at the base that no tissue makes: see
  * ndl_needle_def.entry_slip for figures. With NDL_REMESH needles go into bodies of SB_TET4 only
@@ -1211,10 +1211,10 @@ typedef sb_real (*ndl_cutting)(void *user, sb_vec3 X, int region);
  * how far tissue about a needle is drawn along. A tip bends as its bevel says: after 8 cm in 10 to 50 kPa it is aside
  * by the same to 3 % with edges from 20 to 7 mm (5 mm in 10 kPa: 7 % less). Limits: lips of a cut that touch let a
  * needle through, but it does not go in through open ones, and is stopped as by a wall where a piece stands apart from
- * the next; where tissue was burnt away (sb_cut_ablate) nothing holds it, through burnt skin as well, but friction
- * comes and goes there by whole edges of the rod, and a way that is a part of one may not be seen; a loose piece may
- * stay on it when it is drawn out; the sb_cut that cut the body has to stay as long as
- * needles do: without it they are out of the tissue, as where others change the mesh; entry_slip is not read.
+ * the next; where tissue was burnt away (sb_cut_ablate) nothing holds it, through burnt skin and out of the far side as
+ * well, but friction comes and goes there by whole edges of the rod, and a way that is a part of one may not be seen; a
+ * loose piece may stay on it when it is drawn out; the sb_cut that cut the body has to stay as long as needles do:
+ * without it they are out of the tissue, as where others change the mesh; entry_slip is not read.
  */
 typedef enum ndl_follow {
     NDL_REMESH = 0, /* the mesh follows: nodes are moved and made on the needle's line. tet4, def.slack > 0, no cuts; no
@@ -1379,7 +1379,8 @@ NDL_API const ndl_remesh *ndl_needle_remesh(const ndl_needle *needle);
 NDL_API ndl_contact ndl_needle_contact(const ndl_needle *needle, int node);
 /* Force (N) of the tissue on a node in the last step. */
 NDL_API sb_vec3 ndl_needle_contact_force(const ndl_needle *needle, int node);
-/* Length of shaft in the tissue, and in holes that were burnt in it (m), and fed since creation. */
+/* Length of shaft in the tissue, in holes that were burnt in it, and out of one on its far side (m), and fed since
+ * creation. */
 NDL_API sb_real ndl_needle_depth(const ndl_needle *needle);
 NDL_API sb_real ndl_needle_fed(const ndl_needle *needle);
 /* How far the tip went through the tissue in the last step (m, along the tip; negative: back). */
@@ -12196,6 +12197,8 @@ NDLI_API void ndli_bed_free(ndli_bed *bed); /* safe on zeros */
 NDLI_API int ndli_bed_locate(const ndli_bed *bed, sb_vec3 X, int hint, ndli_place *place);
 /* 0: its material has been taken away. */
 NDLI_API int ndli_bed_row_at(const ndli_bed *bed, const ndli_place *place, ndli_bed_row *row);
+/* Both at once; *row has no nodes where there is no material: outside, by more than rounding, or taken away. */
+NDLI_API int ndli_bed_find(const ndli_bed *bed, sb_vec3 X, int hint, ndli_place *place, ndli_bed_row *row);
 NDLI_API ndli_v3 ndli_bed_at(const ndli_bed *bed, const ndli_bed_row *row); /* m, in space */
 /* Deformation gradient. */
 NDLI_API sb_mat3 ndli_bed_gradient(const ndli_bed *bed, const ndli_place *place, const ndli_bed_row *row);
@@ -12294,13 +12297,22 @@ NDLI_API void ndli_bed_replace(ndli_bed *bed, ndli_bed *next)
 
 /* ---- places ---- */
 
-NDLI_API int ndli_bed_locate(const ndli_bed *bed, sb_vec3 X, int hint, ndli_place *place)
+/* Lengths below this are rounding (m). */
+static double ndli_bed_rounding(const ndli_bed *bed) { return 1e-3 * bed->mean_edge; }
+
+/* The nearest place of the mesh; returns how far off it is (m). */
+static double ndli_bed_closest(const ndli_bed *bed, sb_vec3 X, int hint, ndli_place *place)
 {
     sbi_embed_hit hit;
     sbi_embed_closest(&bed->volume, X, sbi_min_int(hint, bed->mesh.element_count - 1), &hit);
     place->element = hit.element;
     memcpy(place->xi, hit.xi, sizeof place->xi);
-    return !(hit.distance2 > 0);
+    return hit.distance2 > 0 ? sqrt((double)hit.distance2) : 0;
+}
+
+NDLI_API int ndli_bed_locate(const ndli_bed *bed, sb_vec3 X, int hint, ndli_place *place)
+{
+    return !(ndli_bed_closest(bed, X, hint, place) > 0);
 }
 
 /* The cell with its material; -1: it has been taken away. */
@@ -12318,7 +12330,7 @@ static int ndli_bed_is_row_of(const ndli_bed *bed, const ndli_place *place, cons
     ndli_v3 gap = ndli_v(0, 0, 0);
     for (int a = 0; a < row->count; a++)
         gap = ndli_madd(gap, row->weights[a], ndli_from(sb_v3_sub(X[row->nodes[a]], bed->mesh.nodes[nodes[a]])));
-    return ndli_norm(gap) < 1e-3 * bed->mean_edge;
+    return ndli_norm(gap) < ndli_bed_rounding(bed);
 }
 
 NDLI_API int ndli_bed_row_at(const ndli_bed *bed, const ndli_place *place, ndli_bed_row *row)
@@ -12337,6 +12349,14 @@ NDLI_API int ndli_bed_row_at(const ndli_bed *bed, const ndli_place *place, ndli_
         row->weights[a] = (double)shape[a];
     }
     return ndli_bed_is_row_of(bed, place, row);
+}
+
+NDLI_API int ndli_bed_find(const ndli_bed *bed, sb_vec3 X, int hint, ndli_place *place, ndli_bed_row *row)
+{
+    if (!(ndli_bed_closest(bed, X, hint, place) > ndli_bed_rounding(bed)) && ndli_bed_row_at(bed, place, row))
+        return 1;
+    row->count = 0;
+    return 0;
 }
 
 NDLI_API ndli_v3 ndli_bed_at(const ndli_bed *bed, const ndli_bed_row *row)
@@ -14219,8 +14239,8 @@ static double ndli_held_arc(const ndl_needle *needle, int i) { return i < needle
 
 static double ndli_held_edge(const ndl_rod *rod, int j) { return ndli_norm(ndli_sub(rod->x[j + 1], rod->x[j])); }
 
-/* The material at an arc of the track, and how long the tissue is there along it, per length at rest. 0: it has been
- * taken away. */
+/* The material at an arc of the track, and how long the tissue is there along it, per length at rest. 0: there is none:
+ * it has been taken away, or the tip had come out through a hole in the far side. */
 typedef struct ndli_held_spot {
     ndli_place place;
     ndli_bed_row row;
@@ -14239,11 +14259,8 @@ static int ndli_held_find(const ndl_needle *needle, double arc, ndli_held_spot *
     const ndli_bed *bed = &needle->site->bed;
     ndli_track_point point = ndli_track_at(&needle->track, arc);
     spot->stretch = 1;
-    (void)ndli_bed_locate(bed, ndli_to(point.X), point.element, &spot->place);
-    if (!ndli_bed_row_at(bed, &spot->place, &spot->row)) {
-        spot->row.count = 0;
+    if (!ndli_bed_find(bed, ndli_to(point.X), point.element, &spot->place, &spot->row))
         return 0;
-    }
     if (ndli_norm(point.tangent) > 0)
         spot->stretch = ndli_held_stretch(bed, spot, point.tangent);
     return 1;
@@ -14563,7 +14580,8 @@ static int ndli_held_material(const ndli_bed *bed, ndli_v3 x, ndli_v3 *X, ndli_p
 enum { NDLI_HELD_LOOKS = 40 };
 static const double ndli_held_look = 0.1;
 
-/* The wall that a tip in a hole has come to, as it is in space: *X, *place. 0: to none. */
+/* The wall that a tip in a hole, or out of one on the far side, has come to, as it is in space: *X, *place. 0: to none.
+ */
 static int ndli_held_meet_wall(const ndl_needle *needle, const ndli_track_point *end, ndli_v3 *X, ndli_place *place)
 {
     const ndli_bed *bed = &needle->site->bed;
@@ -14572,9 +14590,7 @@ static int ndli_held_meet_wall(const ndl_needle *needle, const ndli_track_point 
     int element = end->element;
     for (int k = 1; k <= NDLI_HELD_LOOKS; k++, element = place->element) {
         *X = ndli_madd(end->X, k * ndli_held_look * bed->mean_edge, needle->heading);
-        if (!ndli_bed_locate(bed, ndli_to(*X), element, place))
-            return 0;
-        if (ndli_bed_row_at(bed, place, &row))
+        if (ndli_bed_find(bed, ndli_to(*X), element, place, &row))
             return ndli_held_material(bed, rod->x[rod->node_count - 1], X, place);
     }
     return 0;
@@ -14594,24 +14610,22 @@ static int ndli_held_look_ahead(ndl_needle *needle, const ndli_place *place)
     return 1;
 }
 
-/* Where material was taken away a tip goes straight on, until it comes to a wall. */
+/* Where material was taken away a tip goes straight on, out of the far side too, until it comes to a wall. */
 static void ndli_held_go_through_hole(ndl_needle *needle, double advance, const ndli_track_point *end)
 {
     const ndli_bed *bed = &needle->site->bed;
     ndli_v3 X, tip = needle->rod->x[needle->rod->node_count - 1];
     ndli_place place;
     ndli_bed_row row;
-    int meets = ndli_held_meet_wall(needle, end, &X, &place), inside = 1;
+    int meets = ndli_held_meet_wall(needle, end, &X, &place);
     if (!meets) {
         X = ndli_madd(end->X, advance, needle->heading);
-        inside = ndli_bed_locate(bed, ndli_to(X), end->element, &place);
-        if (inside && ndli_bed_row_at(bed, &place, &row)) { /* where the wall was before it was drawn along */
+        if (ndli_bed_find(bed, ndli_to(X), end->element, &place,
+                          &row)) /* where the wall was before it was drawn along */
             (void)ndli_held_material(bed, tip, &X, &place);
-            inside = ndli_bed_locate(bed, ndli_to(X), place.element, &place);
-        }
+        (void)ndli_bed_locate(bed, ndli_to(X), place.element, &place);
     }
-    if (!inside || (meets && !ndli_held_look_ahead(needle, &place)) ||
-        !ndli_track_extend(&needle->track, X, place.element))
+    if ((meets && !ndli_held_look_ahead(needle, &place)) || !ndli_track_extend(&needle->track, X, place.element))
         ndli_held_block(needle);
 }
 
@@ -14626,8 +14640,7 @@ static void ndli_held_cut(ndl_needle *needle, double advance)
     ndli_place place;
     sb_mat3 f, inverse;
     int there;
-    (void)ndli_bed_locate(bed, ndli_to(end.X), end.element, &place);
-    if (!ndli_bed_row_at(bed, &place, &row)) {
+    if (!ndli_bed_find(bed, ndli_to(end.X), end.element, &place, &row)) {
         ndli_held_go_through_hole(needle, advance, &end);
         return;
     }

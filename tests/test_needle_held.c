@@ -737,6 +737,62 @@ static void test_holes(void)
     }
 }
 
+/* A hole in the far side: the tip goes on out of it, held by nothing, and the shaft feels the tissue that it is in,
+ * from the skin to the hole; also when it is drawn back, from a state as well. */
+static void check_hole_out(int lattice, sb_vec3 aside)
+{
+    needle_scene s = cut_scene();
+    sb_cut_def def = sb_default_cut_def();
+    sb_cut *cut = NULL;
+    double expected, node = 0.01 * (double)s.frictions[0].friction;
+    unsigned long long bits = 0;
+    size_t size;
+    void *image;
+    s.body_def.tolerance = REAL(SB_REAL_IS_FLOAT ? 1e-4 : 1e-6);
+    s.needle_def.direction = sb_v3_add(s.needle_def.direction, aside);
+    if (!needle_scene_make(&s))
+        return;
+    def.body = s.body;
+    def.lattice = lattice;
+    CHECK_OK(sb_cut_create(&def, &cut, NULL));
+    CHECK_OK(sb_cut_ablate(cut, sb_v3_madd(s.needle_def.base, s.needle_def.base.z, s.needle_def.direction), REAL(0.009),
+                           NULL, &s.error));
+    expected = (double)s.frictions[0].friction * (0.04 - 0.009);
+    for (int i = 0; i < 320; i++) {
+        needle_scene_run(&s, dt, 1, needle_command(speed, 0));
+        CHECK(s.info.blocked == 0 && needle_push(&s) < 1.05 * law(&s, 0));
+    }
+    CHECK(needle_tip(s.needles[0]).z < REAL(-0.02) && needle_scene_is_sound(&s));
+    CHECK_NEAR(needle_push(&s), expected, node);
+    size = sb_body_state_size(s.body);
+    image = malloc(size);
+    CHECK_OK(sb_body_state_save(s.body, image, size));
+    for (int round = 0; round < 2; round++) {
+        if (round)
+            CHECK_OK(sb_body_state_load(s.body, image, size, &s.error));
+        for (int i = 0; i < 100; i++) {
+            needle_scene_run(&s, dt, 1, needle_command(-speed, 0));
+            CHECK(s.info.blocked == 0 && fabs(needle_push(&s)) < expected + node);
+            if (i > 50)
+                CHECK_NEAR(needle_push(&s), -expected, node);
+        }
+        CHECK(round == 0 || needle_scene_bits(&s) == bits);
+        bits = needle_scene_bits(&s);
+    }
+    needle_scene_run(&s, dt, 260, needle_command(-speed, 0));
+    CHECK(ndl_needle_depth(s.needles[0]) == 0);
+    CHECK_NEAR(needle_push(&s), 0, 1e-6);
+    free(image);
+    sb_cut_destroy(cut);
+    needle_scene_free(&s);
+}
+
+static void test_holes_out(void)
+{
+    check_hole_out(2, sb_v3(0, 0, 0));
+    check_hole_out(4, sb_v3(REAL(0.05), REAL(0.03), 0));
+}
+
 /* Viscous friction acts behind the springs: a step is a convex problem whatever there is of it. */
 static void test_viscous(void)
 {
@@ -901,6 +957,7 @@ CHECK_SUITE(needle_held, {"law", test_law}, {"stiffness", test_stiffness}, {"dra
             {"a destroyed cut", test_destroyed_cut}, {"destroying without memory", test_destroying_without_memory},
             {"states of further cuts", test_states_of_further_cuts},
             {"states before a change", test_states_before_a_change}, {"a body that grows", test_growing_body},
-            {"ablation", test_ablation}, {"holes", test_holes}, {"viscous friction", test_viscous},
-            {"soft tissue's states", test_states_in_soft_tissue}, {"bad definitions", test_bad_definitions},
-            {"memory", test_memory}, {"far side", test_far_side}, {"random use", test_random_use});
+            {"ablation", test_ablation}, {"holes", test_holes}, {"holes in the far side", test_holes_out},
+            {"viscous friction", test_viscous}, {"soft tissue's states", test_states_in_soft_tissue},
+            {"bad definitions", test_bad_definitions}, {"memory", test_memory}, {"far side", test_far_side},
+            {"random use", test_random_use});

@@ -6211,7 +6211,8 @@ public static unsafe class Native
     [DllImport(Library, CallingConvention = CallingConvention.Cdecl)]
     public static extern sb_vec3 ndl_needle_contact_force(ndl_needle* needle, int node);
     /// <summary>
-    /// Length of shaft in the tissue, and in holes that were burnt in it (m), and fed since creation.
+    /// Length of shaft in the tissue, in holes that were burnt in it, and out of one on its far side (m), and fed since
+    /// creation.
     /// </summary>
     [DllImport(Library, CallingConvention = CallingConvention.Cdecl)]
     public static extern double ndl_needle_depth(ndl_needle* needle);

@@ -82,13 +82,22 @@ NDLI_API void ndli_bed_replace(ndli_bed *bed, ndli_bed *next)
 
 /* ---- places ---- */
 
-NDLI_API int ndli_bed_locate(const ndli_bed *bed, sb_vec3 X, int hint, ndli_place *place)
+/* Lengths below this are rounding (m). */
+static double ndli_bed_rounding(const ndli_bed *bed) { return 1e-3 * bed->mean_edge; }
+
+/* The nearest place of the mesh; returns how far off it is (m). */
+static double ndli_bed_closest(const ndli_bed *bed, sb_vec3 X, int hint, ndli_place *place)
 {
     sbi_embed_hit hit;
     sbi_embed_closest(&bed->volume, X, sbi_min_int(hint, bed->mesh.element_count - 1), &hit);
     place->element = hit.element;
     memcpy(place->xi, hit.xi, sizeof place->xi);
-    return !(hit.distance2 > 0);
+    return hit.distance2 > 0 ? sqrt((double)hit.distance2) : 0;
+}
+
+NDLI_API int ndli_bed_locate(const ndli_bed *bed, sb_vec3 X, int hint, ndli_place *place)
+{
+    return !(ndli_bed_closest(bed, X, hint, place) > 0);
 }
 
 /* The cell with its material; -1: it has been taken away. */
@@ -106,7 +115,7 @@ static int ndli_bed_is_row_of(const ndli_bed *bed, const ndli_place *place, cons
     ndli_v3 gap = ndli_v(0, 0, 0);
     for (int a = 0; a < row->count; a++)
         gap = ndli_madd(gap, row->weights[a], ndli_from(sb_v3_sub(X[row->nodes[a]], bed->mesh.nodes[nodes[a]])));
-    return ndli_norm(gap) < 1e-3 * bed->mean_edge;
+    return ndli_norm(gap) < ndli_bed_rounding(bed);
 }
 
 NDLI_API int ndli_bed_row_at(const ndli_bed *bed, const ndli_place *place, ndli_bed_row *row)
@@ -125,6 +134,14 @@ NDLI_API int ndli_bed_row_at(const ndli_bed *bed, const ndli_place *place, ndli_
         row->weights[a] = (double)shape[a];
     }
     return ndli_bed_is_row_of(bed, place, row);
+}
+
+NDLI_API int ndli_bed_find(const ndli_bed *bed, sb_vec3 X, int hint, ndli_place *place, ndli_bed_row *row)
+{
+    if (!(ndli_bed_closest(bed, X, hint, place) > ndli_bed_rounding(bed)) && ndli_bed_row_at(bed, place, row))
+        return 1;
+    row->count = 0;
+    return 0;
 }
 
 NDLI_API ndli_v3 ndli_bed_at(const ndli_bed *bed, const ndli_bed_row *row)

@@ -48,6 +48,8 @@ NDLI_API void ndli_bed_free(ndli_bed *bed); /* safe on zeros */
 NDLI_API int ndli_bed_locate(const ndli_bed *bed, sb_vec3 X, int hint, ndli_place *place);
 /* 0: its material has been taken away. */
 NDLI_API int ndli_bed_row_at(const ndli_bed *bed, const ndli_place *place, ndli_bed_row *row);
+/* Both at once; *row has no nodes where there is no material: outside, by more than rounding, or taken away. */
+NDLI_API int ndli_bed_find(const ndli_bed *bed, sb_vec3 X, int hint, ndli_place *place, ndli_bed_row *row);
 NDLI_API ndli_v3 ndli_bed_at(const ndli_bed *bed, const ndli_bed_row *row); /* m, in space */
 /* Deformation gradient. */
 NDLI_API sb_mat3 ndli_bed_gradient(const ndli_bed *bed, const ndli_place *place, const ndli_bed_row *row);

@@ -74,10 +74,10 @@ typedef sb_real (*ndl_cutting)(void *user, sb_vec3 X, int region);
  * how far tissue about a needle is drawn along. A tip bends as its bevel says: after 8 cm in 10 to 50 kPa it is aside
  * by the same to 3 % with edges from 20 to 7 mm (5 mm in 10 kPa: 7 % less). Limits: lips of a cut that touch let a
  * needle through, but it does not go in through open ones, and is stopped as by a wall where a piece stands apart from
- * the next; where tissue was burnt away (sb_cut_ablate) nothing holds it, through burnt skin as well, but friction
- * comes and goes there by whole edges of the rod, and a way that is a part of one may not be seen; a loose piece may
- * stay on it when it is drawn out; the sb_cut that cut the body has to stay as long as
- * needles do: without it they are out of the tissue, as where others change the mesh; entry_slip is not read.
+ * the next; where tissue was burnt away (sb_cut_ablate) nothing holds it, through burnt skin and out of the far side as
+ * well, but friction comes and goes there by whole edges of the rod, and a way that is a part of one may not be seen; a
+ * loose piece may stay on it when it is drawn out; the sb_cut that cut the body has to stay as long as needles do:
+ * without it they are out of the tissue, as where others change the mesh; entry_slip is not read.
  */
 typedef enum ndl_follow {
     NDL_REMESH = 0, /* the mesh follows: nodes are moved and made on the needle's line. tet4, def.slack > 0, no cuts; no
@@ -242,7 +242,8 @@ NDL_API const ndl_remesh *ndl_needle_remesh(const ndl_needle *needle);
 NDL_API ndl_contact ndl_needle_contact(const ndl_needle *needle, int node);
 /* Force (N) of the tissue on a node in the last step. */
 NDL_API sb_vec3 ndl_needle_contact_force(const ndl_needle *needle, int node);
-/* Length of shaft in the tissue, and in holes that were burnt in it (m), and fed since creation. */
+/* Length of shaft in the tissue, in holes that were burnt in it, and out of one on its far side (m), and fed since
+ * creation. */
 NDL_API sb_real ndl_needle_depth(const ndl_needle *needle);
 NDL_API sb_real ndl_needle_fed(const ndl_needle *needle);
 /* How far the tip went through the tissue in the last step (m, along the tip; negative: back). */

@@ -75,8 +75,8 @@ static double ndli_held_arc(const ndl_needle *needle, int i) { return i < needle
 
 static double ndli_held_edge(const ndl_rod *rod, int j) { return ndli_norm(ndli_sub(rod->x[j + 1], rod->x[j])); }
 
-/* The material at an arc of the track, and how long the tissue is there along it, per length at rest. 0: it has been
- * taken away. */
+/* The material at an arc of the track, and how long the tissue is there along it, per length at rest. 0: there is none:
+ * it has been taken away, or the tip had come out through a hole in the far side. */
 typedef struct ndli_held_spot {
     ndli_place place;
     ndli_bed_row row;
@@ -95,11 +95,8 @@ static int ndli_held_find(const ndl_needle *needle, double arc, ndli_held_spot *
     const ndli_bed *bed = &needle->site->bed;
     ndli_track_point point = ndli_track_at(&needle->track, arc);
     spot->stretch = 1;
-    (void)ndli_bed_locate(bed, ndli_to(point.X), point.element, &spot->place);
-    if (!ndli_bed_row_at(bed, &spot->place, &spot->row)) {
-        spot->row.count = 0;
+    if (!ndli_bed_find(bed, ndli_to(point.X), point.element, &spot->place, &spot->row))
         return 0;
-    }
     if (ndli_norm(point.tangent) > 0)
         spot->stretch = ndli_held_stretch(bed, spot, point.tangent);
     return 1;
@@ -419,7 +416,8 @@ static int ndli_held_material(const ndli_bed *bed, ndli_v3 x, ndli_v3 *X, ndli_p
 enum { NDLI_HELD_LOOKS = 40 };
 static const double ndli_held_look = 0.1;
 
-/* The wall that a tip in a hole has come to, as it is in space: *X, *place. 0: to none. */
+/* The wall that a tip in a hole, or out of one on the far side, has come to, as it is in space: *X, *place. 0: to none.
+ */
 static int ndli_held_meet_wall(const ndl_needle *needle, const ndli_track_point *end, ndli_v3 *X, ndli_place *place)
 {
     const ndli_bed *bed = &needle->site->bed;
@@ -428,9 +426,7 @@ static int ndli_held_meet_wall(const ndl_needle *needle, const ndli_track_point 
     int element = end->element;
     for (int k = 1; k <= NDLI_HELD_LOOKS; k++, element = place->element) {
         *X = ndli_madd(end->X, k * ndli_held_look * bed->mean_edge, needle->heading);
-        if (!ndli_bed_locate(bed, ndli_to(*X), element, place))
-            return 0;
-        if (ndli_bed_row_at(bed, place, &row))
+        if (ndli_bed_find(bed, ndli_to(*X), element, place, &row))
             return ndli_held_material(bed, rod->x[rod->node_count - 1], X, place);
     }
     return 0;
@@ -450,24 +446,22 @@ static int ndli_held_look_ahead(ndl_needle *needle, const ndli_place *place)
     return 1;
 }
 
-/* Where material was taken away a tip goes straight on, until it comes to a wall. */
+/* Where material was taken away a tip goes straight on, out of the far side too, until it comes to a wall. */
 static void ndli_held_go_through_hole(ndl_needle *needle, double advance, const ndli_track_point *end)
 {
     const ndli_bed *bed = &needle->site->bed;
     ndli_v3 X, tip = needle->rod->x[needle->rod->node_count - 1];
     ndli_place place;
     ndli_bed_row row;
-    int meets = ndli_held_meet_wall(needle, end, &X, &place), inside = 1;
+    int meets = ndli_held_meet_wall(needle, end, &X, &place);
     if (!meets) {
         X = ndli_madd(end->X, advance, needle->heading);
-        inside = ndli_bed_locate(bed, ndli_to(X), end->element, &place);
-        if (inside && ndli_bed_row_at(bed, &place, &row)) { /* where the wall was before it was drawn along */
+        if (ndli_bed_find(bed, ndli_to(X), end->element, &place,
+                          &row)) /* where the wall was before it was drawn along */
             (void)ndli_held_material(bed, tip, &X, &place);
-            inside = ndli_bed_locate(bed, ndli_to(X), place.element, &place);
-        }
+        (void)ndli_bed_locate(bed, ndli_to(X), place.element, &place);
     }
-    if (!inside || (meets && !ndli_held_look_ahead(needle, &place)) ||
-        !ndli_track_extend(&needle->track, X, place.element))
+    if ((meets && !ndli_held_look_ahead(needle, &place)) || !ndli_track_extend(&needle->track, X, place.element))
         ndli_held_block(needle);
 }
 
@@ -482,8 +476,7 @@ static void ndli_held_cut(ndl_needle *needle, double advance)
     ndli_place place;
     sb_mat3 f, inverse;
     int there;
-    (void)ndli_bed_locate(bed, ndli_to(end.X), end.element, &place);
-    if (!ndli_bed_row_at(bed, &place, &row)) {
+    if (!ndli_bed_find(bed, ndli_to(end.X), end.element, &place, &row)) {
         ndli_held_go_through_hole(needle, advance, &end);
         return;
     }

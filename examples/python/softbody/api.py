@@ -3495,7 +3495,7 @@ DOCUMENTATION = {
     'ndl_needle_body_node': 'Tissue node that a rod node is at; -1: none, as with NDL_EMBED.',
     'ndl_needle_remesh': "What follows the tips of all needles of its body, for readings: ndl_remesh_quality, _is_original, _nodes ...; gone\nwith the body's last needle. NULL with NDL_EMBED.",
     'ndl_needle_contact_force': 'Force (N) of the tissue on a node in the last step.',
-    'ndl_needle_depth': 'Length of shaft in the tissue, and in holes that were burnt in it (m), and fed since creation.',
+    'ndl_needle_depth': 'Length of shaft in the tissue, in holes that were burnt in it, and out of one on its far side (m), and fed since\ncreation.',
     'ndl_needle_advance': 'How far the tip went through the tissue in the last step (m, along the tip; negative: back).',
     'ndl_needle_cutting': 'Force (N) that would let the tip go forward now; SB_REAL_MAX while it is held.',
     'ndl_needle_tip_material': 'Material point (m) of the tip; 0 when the needle is outside, else 1.',
