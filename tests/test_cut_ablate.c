@@ -422,6 +422,41 @@ static void test_crumbs(void)
     }
 }
 
+/* Scissors and strips at random leave no part smaller than a mean element, with glue or without: pieces of elements
+ * whose other pieces are glued to each other are no exception. */
+static void test_no_crumbs(void)
+{
+    unsigned long long seed = 77;
+    int rounds = check_quick() ? 4 : 24, crumbs = 0;
+    for (int round = 0; round < rounds; round++) {
+        block_options options = block_default(intervals_of[round % 3]);
+        block b;
+        options.element = round % 4 == 3 ? SB_TET10 : SB_TET4;
+        if (options.element == SB_TET10)
+            options.nx = options.ny = options.nz = 3;
+        options.front = round % 2 ? SB_CUT_GLUE : SB_CUT_LAG;
+        b = crumbling_block(&options, 1);
+        block_shake_at(&b, 0.05);
+        for (int stroke = 0; stroke < 8; stroke++) {
+            sb_vec3 triangles[18];
+            int count = strip_random(triangles, &seed), small = 0, parts = 0;
+            sb_cut_info info = block_cut(&b, triangles, count);
+            sb_part list[64];
+            crumbs += info.crumbs;
+            CHECK_OK(sb_body_parts(b.body, list, 64, &parts, NULL));
+            for (int k = 0; k < parts && k < 64; k++)
+                small += list[k].volume < b.cut->least_volume;
+            if (!CHECK_INT(small, 0))
+                printf("round %d, stroke %d\n", round, stroke);
+            check_pieces(&b);
+            block_step(&b, 1);
+        }
+        block_free(&b);
+    }
+    printf("   %d crumbs taken out\n", crumbs);
+    CHECK(crumbs > 0);
+}
+
 /* Slabs of a slice thinner than a link fall into crumbs, which are all taken out; larger parts stay. */
 static void test_slices(void)
 {
@@ -720,7 +755,7 @@ static void test_points(void)
 CHECK_SUITE(cut_ablate, {"organs: balls and squares", test_organs}, {"a ball out of a block", test_ball},
             {"the way of a tip", test_way}, {"lattice 1 takes elements out", test_elements},
             {"everything is taken out", test_everything}, {"crumbs are taken out", test_crumbs},
-            {"thin slices crumble", test_slices}, {"crossing planes", test_crossing},
-            {"states and recordings", test_same_bits}, {"every allocation fails in turn", test_no_memory},
-            {"mistakes are named", test_mistakes}, {"loads on what is left", test_loads},
-            {"points of embeddings", test_points});
+            {"no crumbs are left", test_no_crumbs}, {"thin slices crumble", test_slices},
+            {"crossing planes", test_crossing}, {"states and recordings", test_same_bits},
+            {"every allocation fails in turn", test_no_memory}, {"mistakes are named", test_mistakes},
+            {"loads on what is left", test_loads}, {"points of embeddings", test_points});

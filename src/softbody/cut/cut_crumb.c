@@ -75,14 +75,16 @@ static void sbi_cut_visit_around(sb_cut *cut, sbi_cut_flood *flood, sbi_cut_hand
     }
 }
 
-static void sbi_cut_visit_tet(sb_cut *cut, sbi_cut_flood *flood, int tet)
+/* Visits the pieces of a tet that have any of these points of its lattice. */
+static void sbi_cut_visit_points(sb_cut *cut, sbi_cut_flood *flood, int tet, uint64_t points)
 {
     int first = cut->cell_of[tet] - 1;
     for (int i = first, end = first < 0 ? first : sbi_cut_end_of(cut, first); i < end; i++)
-        if (!cut->cells[i].is_gone)
+        if (!cut->cells[i].is_gone && (cut->cells[i].points & points))
             sbi_cut_visit(cut, flood, i);
     for (int piece = first < 0 ? sbi_cut_first_piece(cut, tet) : -1; piece >= 0; piece = cut->pieces[piece].next)
-        sbi_cut_visit(cut, flood, ~piece);
+        if (cut->pieces[piece].points & points)
+            sbi_cut_visit(cut, flood, ~piece);
 }
 
 /* First triangle of a tet, or of one behind it, that is to be glued. */
@@ -99,10 +101,25 @@ static int sbi_cut_first_glued(const sb_cut *cut, int tet)
     return low;
 }
 
-static int sbi_cut_will_be_glued(const sb_cut *cut, int tet)
+/* The points of the lattice that a glued triangle lies between: one on either side. */
+static const unsigned char *sbi_cut_glued_sides(const sb_cut *cut, const sbi_cut_glued *glued)
 {
-    int at = sbi_cut_first_glued(cut, tet);
-    return at < cut->next_glue_count && cut->next_glue[at].tet == tet;
+    const unsigned char *links = cut->lattice.micro_links[glued->place / SBI_LIPS];
+    return cut->lattice.links[links[glued->place % SBI_LIPS / 2]];
+}
+
+/* Visits the pieces that glue will tie to this one: other pieces of a glued tet may be loose. */
+static void sbi_cut_visit_tied(sb_cut *cut, sbi_cut_flood *flood, sbi_cut_handle at)
+{
+    int tet = sbi_cut_handle_tet(cut, at);
+    uint64_t own = at >= 0 ? cut->cells[at].points : cut->pieces[~at].points, others = 0;
+    for (int k = sbi_cut_first_glued(cut, tet); k < cut->next_glue_count && cut->next_glue[k].tet == tet; k++) {
+        const unsigned char *sides = sbi_cut_glued_sides(cut, cut->next_glue + k);
+        for (int side = 0; side < 2; side++)
+            others |= own >> sides[side] & 1 ? (uint64_t)1 << sides[1 - side] : 0;
+    }
+    if (others & ~own)
+        sbi_cut_visit_points(cut, flood, tet, others & ~own);
 }
 
 /* 1 when a node of a piece is to be supported. */
@@ -134,8 +151,8 @@ static int sbi_cut_flood_from(sb_cut *cut, sbi_cut_flood *flood, sbi_cut_handle 
         flood->ends |= is_held && flood->volume > 0; /* a film without volume is no part, even where it is held */
         for (int a = 0; a < 4 && !flood->ends; a++)  /* where pieces share a middle they share both ends */
             sbi_cut_visit_around(cut, flood, at, a);
-        if (!flood->ends && sbi_cut_will_be_glued(cut, tet))
-            sbi_cut_visit_tet(cut, flood, tet);
+        if (!flood->ends)
+            sbi_cut_visit_tied(cut, flood, at);
     }
     return !flood->ends && !flood->failed;
 }
@@ -171,6 +188,16 @@ static void sbi_cut_try_all(sb_cut *cut, sbi_cut_flood *flood)
     }
 }
 
+/* 1 when what a triangle is to glue is gone: both sides are of one part. */
+static int sbi_cut_crumbles(const sb_cut *cut, const sbi_cut_glued *glued)
+{
+    const int first = cut->cell_of[glued->tet] - 1, side = sbi_cut_glued_sides(cut, glued)[0];
+    for (int i = first, end = first < 0 ? first : sbi_cut_end_of(cut, first); i < end; i++)
+        if (cut->cells[i].points >> side & 1)
+            return cut->cells[i].is_gone;
+    return 0;
+}
+
 /* Records of the pieces of crumbs are gone, and so is the glue within; 0: no memory. */
 static int sbi_cut_lose_crumbs(sb_cut *cut)
 {
@@ -188,11 +215,9 @@ static int sbi_cut_lose_crumbs(sb_cut *cut)
         for (int i = first, end = at >= 0 ? first : sbi_cut_end_of(cut, first); i < end; i++)
             cut->cells[i].is_gone |= cut->cells[i].piece == ~at;
     }
-    for (int k = 0; k < cut->next_glue_count; k++) { /* all pieces of a glued tet are of one part */
-        int first = cut->cell_of[cut->next_glue[k].tet] - 1;
-        if (first < 0 || !cut->cells[first].is_gone)
+    for (int k = 0; k < cut->next_glue_count; k++)
+        if (!sbi_cut_crumbles(cut, cut->next_glue + k))
             cut->next_glue[kept++] = cut->next_glue[k];
-    }
     cut->next_glue_count = kept;
     return 1;
 }
