@@ -93,7 +93,8 @@ typedef struct ndl_needle_def {
     sb_vec3 base;      /* m: the sleeve's outlet, outside of the tissue */
     sb_vec3 direction; /* in which the needle leaves it, any length but 0 */
     sb_vec3 director;  /* m1 of the base, projected; default 0: any. A bevel bends the needle towards m2 = t x m1 */
-    sb_real length;    /* m out of the sleeve at the start, > 0; default 0.05. The tip must be outside of the tissue */
+    sb_real length;    /* m out of the sleeve at the start, > 0; default 0.05. The needle must be outside of the tissue,
+                        * and outside of where its skin was before holes were burnt in it */
     sb_real edge_length;     /* m between nodes outside of the tissue, > 0; default 0: the mean of the tissue's edges */
     int capacity;            /* most nodes of the rod, >= 8; default 128 */
     ndl_rod_section section; /* default NDL_STYLET_18G */
