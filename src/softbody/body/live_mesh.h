@@ -23,11 +23,12 @@
  * - Pieces: where a cut parts a cell, each piece of it becomes a cell with the parent's shape functions and its own
  *   volume and moments (sb_cell_moments), on copies of the nodes that it is parted from. Stiffness, loads and lumped
  *   masses are integrals over the piece and sum to those of the whole cell, so that at the instant of the cut nothing
- *   jumps: not mass, momentum or energy (of tet10 elastic energy by up to 0.5 % in blocks that hang under their weight, where
- *   bodies do not step explicitly: the mid nodes of small pieces are held to the middle of their edges, or solvers would
- *   need many more iterations, and points are others where the material is not linear). A piece may have a share of 0; nodes with no other cells are held
- *   where they are, and feel nothing. Steps of a cut beam take at most 1.3 times the iterations of the uncut one,
- *   slivers included; with SB_PRECOND_MULTIGRID and tet10 1.5 times.
+ *   jumps: not mass, momentum or energy (of tet10 elastic energy by up to 0.5 % in blocks that hang under their weight,
+ *   where bodies do not step explicitly: the mid nodes of small pieces are held to the middle of their edges, or
+ *   solvers would need many more iterations, and points are others where the material is not linear). A piece may
+ *   have a share of 0; nodes with no other cells are held where they are, and feel nothing. Steps of a cut beam take
+ *   at most 1.3 times the iterations of the uncut one, slivers included; with SB_PRECOND_MULTIGRID and tet10 1.5
+ *   times.
  * - Supports: a node made is supported along the axes that all its sources are, at their weighted targets; a copy
  *   (SB_NODE_COPY) only along those that it is asked to keep (SB_NODE_KEEP_X ...). A node moved keeps its supports,
  *   with weighted targets where all its sources have them. A supported node without heirs cannot be removed
