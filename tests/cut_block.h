@@ -234,6 +234,21 @@ static inline void check_totals(const totals *before, const totals *after)
     check_totals_but(before, after, scene_tolerance(1e-12, 1e5));
 }
 
+/* Largest difference (Pa) of the stress of any cell with material from a pull along x. */
+static inline double block_stress_off(const block *b, double pull)
+{
+    double most = 0;
+    for (int e = 0; e < sb_body_element_count(b->body); e++) {
+        sb_mat3 stress;
+        if (!sb_body_cell_in_use(b->body, e) || !(sb_body_cell_share(b->body, e) > 0))
+            continue;
+        CHECK_OK(sb_body_stress(b->body, e, 0, &stress));
+        for (int i = 0; i < 9; i++)
+            most = fmax(most, fabs((double)stress.m[i / 3][i % 3] - (i ? 0 : pull)));
+    }
+    return most;
+}
+
 /* A blade's way: a strip of quads about a random line. */
 static inline int strip_random(sb_vec3 *triangles, unsigned long long *seed)
 {
