@@ -1381,12 +1381,25 @@ typedef struct reg_landmark {
     sb_real sd;    /* standard deviation per axis (m), >= 0; 0: met exactly; infinite: counts nothing */
 } reg_landmark;
 
+/* A line of the organ and what is seen of it: a ridge, a rim, the root of a ligament, a vessel's centre line. It may
+ * slide along itself. Doubling the corners of a line changes nothing: what is seen is taken every fiftieth of the
+ * organ's size, at 32 places at most, each as sure as `sd` says. */
+typedef struct reg_curve {
+    const sb_vec3 *model; /* [model_count] m, corners of the line on or in the organ at rest; a part may be unseen */
+    int model_count;      /* [2, 1000] */
+    const sb_vec3 *seen;  /* [seen_count] m, corners of what is seen, in order, from either end */
+    int seen_count;       /* >= 2 */
+    sb_real sd;           /* standard deviation across the line, per axis (m), > 0; infinite: counts nothing */
+} reg_curve;
+
 /* What is asked. Start from reg_default_infer_def(), set model and target. */
 typedef struct reg_infer_def {
     reg_model *model; /* borrowed; it must outlive the inference */
     reg_points target;
     const reg_landmark *landmarks; /* [landmark_count] or NULL */
     int landmark_count;
+    const reg_curve *curves; /* [curve_count] or NULL */
+    int curve_count;
     reg_rigid start;    /* model to target: a pose nearby; default: none but the model's own */
     sb_real start_sd;   /* of the place that it gives the organ's middle (m), at most 100 of its sizes; default 0: 0.07
                          * of the size */
@@ -1407,8 +1420,8 @@ REG_API reg_infer_def reg_default_infer_def(void);
 typedef struct reg_infer reg_infer;
 
 /* Infers; all memory is taken here, from the model's allocator. SB_ERROR_ARGUMENT (a field, named),
- * SB_ERROR_NOT_FINITE (error->node: the point, or the landmark), what sb_surface_create says of a target surface,
- * SB_ERROR_NOT_CONVERGED (no point of the target has an allowed place of the model, or loads cannot be told),
+ * SB_ERROR_NOT_FINITE (error->node: the point, the landmark or the curve), what sb_surface_create says of a target
+ * surface, SB_ERROR_NOT_CONVERGED (no point of the target has an allowed place of the model, or loads cannot be told),
  * SB_ERROR_INDEFINITE, SB_ERROR_MEMORY: *infer is then untouched. Deterministic; the same bits for any number of
  * threads, without a time limit. */
 REG_API sb_result reg_infer_run(const reg_infer_def *def, reg_infer **infer, sb_error *error);
@@ -1417,10 +1430,10 @@ REG_API void reg_infer_destroy(reg_infer *infer); /* NULL is fine; the model sta
 /* ---- the answer: SB_ERROR_ARGUMENT for NULL -------------------------------------------------------------------- */
 
 /* displacements[nodes] (m) of the model's nodes from rest to where they are in the target's frame. Where less than 15 %
- * of the surface is seen and no landmark was given, a tenth tells too little of the rest: the answer is then half the
- * way from the start to the elastic shape, or the start where loads explain no more than a pose does (quality.belief).
- * Without landmarks all answers stop short of the elastic shape by as much as it is unsure for how far from the start
- * it is (quality.sure). What is left of the way is in the errors to expect. */
+ * of the surface is seen and no landmark or curve was given, a tenth tells too little of the rest: the answer is then
+ * half the way from the start to the elastic shape, or the start where loads explain no more than a pose does
+ * (quality.belief). Without landmarks and curves all answers stop short of the elastic shape by as much as it is unsure
+ * for how far from the start it is (quality.sure). What is left of the way is in the errors to expect. */
 REG_API sb_result reg_infer_displacements(const reg_infer *infer, sb_vec3 *displacements);
 /* forces[nodes] (N for a Young's modulus of 1000 Pa: they scale with it) that are found to act, weight included: those
  * of the whole way, of which the answer goes quality.sure. */
@@ -12593,6 +12606,22 @@ enum {
  * prefer, need so large a scale for what is local that the organ bends by far too much where it is not seen. */
 #define REGI_INFER_LENGTH 0.06
 
+/* A row of a landmark, or of a place that a curve is seen at: a gap along an axis. */
+typedef struct regi_infer_line {
+    int points[2];   /* rows of the marks: the organ's place is between these, */
+    sb_real share;   /* by so much of the second */
+    sb_vec3 axis;    /* unit, in space */
+    sb_vec3 seen;    /* m */
+    double variance; /* m^2 */
+} regi_infer_line;
+
+/* Where a curve is seen. */
+typedef struct regi_infer_sample {
+    sb_vec3 seen, tangent; /* m; unit */
+    double variance;       /* m^2 */
+    int first, count;      /* rows of the marks: corners of the model's line */
+} regi_infer_sample;
+
 /* What the prior of the loads is like. */
 typedef struct regi_infer_choice {
     double gravity;  /* sd of the weight, in shares of scale times area */
@@ -12615,20 +12644,23 @@ struct reg_infer {
     regi_infer_choice choice;
     reg_quality quality;
     void *memory;
-    int node_count, landmark_count;
+    int node_count, landmark_count, sample_count;
+    int mark_count;          /* landmarks, then corners of the model's lines */
     int loads;               /* 3 per control point, the weight's, and that of a pressure where there may be one */
     double begun;            /* on the clock */
-    int *patch_of;           /* [count of data] patch, or -1 - component of a landmark */
+    int *patch_of;           /* [count of data] patch, or -1 - line */
     double *averaged;        /* [data] m^2: the part of the variance that averages out */
-    sb_embedding_rows marks; /* of the landmarks in the mesh */
-    sb_vec3 *mark_seen;      /* [landmark_count] m */
-    sb_real *mark_sd;        /* [landmark_count] m */
-    double *raw;             /* [loads][gauss.most] responses of data, then resultants, to unit tractions and weight */
-    int rooted;              /* root is of tractions alike everywhere: 1, of `local`: 2, of none of them: 0 */
-    double *root;            /* [c][c] of the present prior, lower triangle */
-    double *turned_root;     /* [c][c] its transpose */
-    double *tile;            /* [most or c, the larger][REGI_BLOCK_WIDTH] scratch */
-    double *extended;        /* [most][most] gram of responses to tractions with their resultants */
+    sb_embedding_rows marks; /* in the mesh */
+    sb_vec3 *mark_places;    /* [mark_count] m, at rest, then where they are now */
+    regi_infer_line *lines;  /* [line_count]: three of each landmark, then two of each sample that has a place */
+    int line_count;
+    regi_infer_sample *samples; /* [sample_count] */
+    double *raw;         /* [loads][gauss.most] responses of data, then resultants, to unit tractions and weight */
+    int rooted;          /* root is of tractions alike everywhere: 1, of `local`: 2, of none of them: 0 */
+    double *root;        /* [c][c] of the present prior, lower triangle */
+    double *turned_root; /* [c][c] its transpose */
+    double *tile;        /* [most or c, the larger][REGI_BLOCK_WIDTH] scratch */
+    double *extended;    /* [most][most] gram of responses to tractions with their resultants */
     double *local, *trial_local; /* [c] */
     double *energy;              /* [c + 6] */
     double *c;                   /* [loads] found, in the gauss' units */
@@ -12682,6 +12714,19 @@ REGI_API void regi_infer_row(const reg_infer *infer, int datum, sb_vec3 *row, do
 /* What displacements u[nodes] do to a datum (m). */
 REGI_API double regi_infer_measure(const reg_infer *infer, int datum, const sb_vec3 *u);
 
+/* ---- infer_marks ---- */
+/* Numbers in range. SB_ERROR_ARGUMENT, SB_ERROR_NOT_FINITE (error->node: the landmark or the curve). */
+REGI_API sb_result regi_infer_check_marks(const reg_infer_def *def, sb_error *error);
+/* landmark_count, sample_count and mark_count of the def. */
+REGI_API void regi_infer_count_marks(reg_infer *infer);
+/* marks, samples, and the lines of landmarks. SB_ERROR_MEMORY, and what sb_embedding_create says. */
+REGI_API sb_result regi_infer_take_marks(reg_infer *infer, sb_error *error);
+/* Looks for the samples' places on the model's lines where the organ is now: the lines of curves. */
+REGI_API void regi_infer_follow_curves(reg_infer *infer);
+/* Adds a line's row to row[nodes], and tells its gap and the place that it is of (m). */
+REGI_API void regi_infer_add_line(const reg_infer *infer, const regi_infer_line *line, sb_vec3 *row, double *gap,
+                                  sb_vec3 *place);
+
 /* ---- infer_prior ---- */
 /* What a model cannot follow (m). */
 REGI_API double regi_infer_least_misfit(const reg_model *model);
@@ -12709,6 +12754,254 @@ REGI_API sb_result regi_infer_round(reg_infer *infer, int round, sb_error *error
 REGI_API sb_result regi_infer_tell(reg_infer *infer, sb_error *error);
 
 #endif /* REG_INFER_PRIVATE_H */
+
+/* ==== src/register/infer_marks.c ==== */
+/* infer_marks: landmarks, and lines of the organ that are seen (curves), as rows of an inference. */
+
+#include <math.h>
+#include <string.h>
+
+enum { REGI_INFER_MOST_MARKS = 1000, REGI_INFER_MOST_SAMPLES = 32 };
+
+/* Places that a curve is seen at are so far apart, in sizes of the organ. */
+static const double regi_infer_sample_apart = 0.02;
+/* Cosine of the angle up to which a piece of the model's line and one of what is seen may be the same. */
+static const double regi_infer_same_way = 0.7;
+
+/* ---- checks ---- */
+
+static sb_result regi_infer_check_landmarks(const reg_infer_def *def, sb_error *error)
+{
+    if (def->landmark_count < 0 || def->landmark_count > REGI_INFER_MOST_MARKS ||
+        (def->landmark_count > 0 && !def->landmarks))
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "%d landmarks: out of range, or without an array",
+                        def->landmark_count);
+    for (int i = 0; i < def->landmark_count; i++) {
+        if (!sb_v3_is_finite(def->landmarks[i].model) || !sb_v3_is_finite(def->landmarks[i].seen))
+            return sbi_fail_node(error, SB_ERROR_NOT_FINITE, i, "landmark %d is not finite", i);
+        if (!(def->landmarks[i].sd >= 0))
+            return sbi_fail_node(error, SB_ERROR_ARGUMENT, i, "sd of landmark %d is below 0", i);
+    }
+    return SB_OK;
+}
+
+/* m; not finite where a corner is not. */
+static sb_real regi_infer_length(const sb_vec3 *corners, int count)
+{
+    sb_real sum = 0;
+    for (int i = 0; i + 1 < count; i++)
+        sum += sb_v3_norm(sb_v3_sub(corners[i + 1], corners[i]));
+    return sum;
+}
+
+static sb_result regi_infer_check_curve(const reg_curve *curve, int index, sb_error *error)
+{
+    sb_real model, seen;
+    if (!curve->model || !curve->seen || curve->model_count < 2 || curve->seen_count < 2 ||
+        curve->model_count > REGI_INFER_MOST_MARKS)
+        return sbi_fail_node(error, SB_ERROR_ARGUMENT, index,
+                             "curve %d of %d corners, seen at %d: needs two of each, and %d of the model at most",
+                             index, curve->model_count, curve->seen_count, (int)REGI_INFER_MOST_MARKS);
+    if (!(curve->sd > 0))
+        return sbi_fail_node(error, SB_ERROR_ARGUMENT, index, "sd of curve %d is not above 0", index);
+    model = regi_infer_length(curve->model, curve->model_count);
+    seen = regi_infer_length(curve->seen, curve->seen_count);
+    if (!sb_is_finite(model) || !sb_is_finite(seen))
+        return sbi_fail_node(error, SB_ERROR_NOT_FINITE, index, "curve %d is not finite", index);
+    if (!(model > 0) || !(seen > 0))
+        return sbi_fail_node(error, SB_ERROR_ARGUMENT, index, "curve %d has no length", index);
+    return SB_OK;
+}
+
+REGI_API sb_result regi_infer_check_marks(const reg_infer_def *def, sb_error *error)
+{
+    sb_result result = regi_infer_check_landmarks(def, error);
+    if (result != SB_OK)
+        return result;
+    if (def->curve_count < 0 || def->curve_count > REGI_INFER_MOST_MARKS || (def->curve_count > 0 && !def->curves))
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "%d curves: out of range, or without an array", def->curve_count);
+    for (int i = 0; i < def->curve_count && result == SB_OK; i++)
+        result = regi_infer_check_curve(def->curves + i, i, error);
+    return result;
+}
+
+/* ---- what there is ---- */
+
+/* At how many places a curve is seen; 0: it counts nothing. */
+static int regi_infer_samples_of(const reg_infer *f, const reg_curve *curve)
+{
+    double apart = regi_infer_sample_apart * (double)f->model->size;
+    double wanted = ceil((double)regi_infer_length(curve->seen, curve->seen_count) / apart);
+    if (!sb_is_finite(curve->sd))
+        return 0;
+    return wanted < REGI_INFER_MOST_SAMPLES ? (int)wanted : REGI_INFER_MOST_SAMPLES;
+}
+
+REGI_API void regi_infer_count_marks(reg_infer *f)
+{
+    for (int i = 0; i < f->def->landmark_count; i++)
+        f->landmark_count += sb_is_finite(f->def->landmarks[i].sd);
+    f->mark_count = f->landmark_count;
+    for (int i = 0; i < f->def->curve_count; i++) {
+        int samples = regi_infer_samples_of(f, f->def->curves + i);
+        f->sample_count += samples;
+        f->mark_count += samples > 0 ? f->def->curves[i].model_count : 0;
+    }
+}
+
+static void regi_infer_take_landmarks(reg_infer *f)
+{
+    int mark = 0;
+    for (int i = 0; i < f->def->landmark_count; i++) {
+        const reg_landmark *landmark = f->def->landmarks + i;
+        if (!sb_is_finite(landmark->sd))
+            continue;
+        f->mark_places[mark] = landmark->model;
+        for (int k = 0; k < 3; k++) {
+            regi_infer_line *line = f->lines + 3 * mark + k;
+            line->points[0] = line->points[1] = mark;
+            line->share = 0;
+            line->axis = sb_v3(k == 0, k == 1, k == 2);
+            line->seen = landmark->seen;
+            line->variance = (double)landmark->sd * (double)landmark->sd;
+        }
+        mark++;
+    }
+    f->line_count = 3 * mark;
+}
+
+/* The middles of `count` pieces of one length that what is seen of a curve is cut into. */
+static void regi_infer_sample_curve(const reg_curve *curve, int first, int count, regi_infer_sample *samples)
+{
+    sb_real length = regi_infer_length(curve->seen, curve->seen_count), behind = 0;
+    int corner = 0;
+    for (int k = 0; k < count; k++) {
+        sb_real at = length * ((sb_real)k + (sb_real)0.5) / (sb_real)count;
+        sb_vec3 along = sb_v3_sub(curve->seen[corner + 1], curve->seen[corner]);
+        sb_real way = sb_v3_norm(along);
+        while (corner + 2 < curve->seen_count && behind + way < at) {
+            behind += way;
+            corner++;
+            along = sb_v3_sub(curve->seen[corner + 1], curve->seen[corner]);
+            way = sb_v3_norm(along);
+        }
+        samples[k].tangent = sb_v3_scale(way > 0 ? 1 / way : 0, along);
+        samples[k].seen = sb_v3_madd(curve->seen[corner], sb_min(at - behind, way), samples[k].tangent);
+        samples[k].variance = (double)curve->sd * (double)curve->sd;
+        samples[k].first = first;
+        samples[k].count = curve->model_count;
+    }
+}
+
+static void regi_infer_take_curves(reg_infer *f)
+{
+    int mark = f->landmark_count, sample = 0;
+    for (int i = 0; i < f->def->curve_count; i++) {
+        const reg_curve *curve = f->def->curves + i;
+        int count = regi_infer_samples_of(f, curve);
+        if (count == 0)
+            continue;
+        memcpy(f->mark_places + mark, curve->model, (size_t)curve->model_count * sizeof *curve->model);
+        regi_infer_sample_curve(curve, mark, count, f->samples + sample);
+        mark += curve->model_count;
+        sample += count;
+    }
+}
+
+REGI_API sb_result regi_infer_take_marks(reg_infer *f, sb_error *error)
+{
+    sb_embedding_def embed = sb_default_embedding_def();
+    sb_embedding *embedding = NULL;
+    sb_result result;
+    if (f->mark_count == 0)
+        return SB_OK;
+    regi_infer_take_landmarks(f);
+    regi_infer_take_curves(f);
+    embed.mesh = &f->model->mesh;
+    embed.points = f->mark_places;
+    embed.point_count = f->mark_count;
+    embed.kind = SB_EMBED_PLAIN;
+    embed.max_distance = (sb_real)0.25 * f->model->size;
+    embed.allocator = f->allocator;
+    embed.jobs = f->model->jobs;
+    result = sb_embedding_create(&embed, &embedding, error);
+    if (result == SB_OK)
+        result = sb_embedding_mapping(embedding, &f->allocator, &f->marks, error);
+    sb_embedding_destroy(embedding);
+    return result;
+}
+
+/* ---- rows ---- */
+
+/* The nearest place on the model's line where that goes the way that is seen: by a share of the way from the mark that
+ * is told to the next one. -1: there is none. */
+static int regi_infer_find_on_curve(const reg_infer *f, const regi_infer_sample *sample, sb_real *share)
+{
+    sb_real nearest = SB_REAL_MAX;
+    int found = -1;
+    for (int i = sample->first; i + 1 < sample->first + sample->count; i++) {
+        sb_vec3 from = f->mark_places[i], way = sb_v3_sub(f->mark_places[i + 1], from), off;
+        sb_real length = sb_v3_norm(way), at;
+        if (!(length > 0) || !(sb_abs(sb_v3_dot(way, sample->tangent)) > (sb_real)regi_infer_same_way * length))
+            continue;
+        at = sb_v3_dot(sb_v3_sub(sample->seen, from), way) / (length * length);
+        at = sb_min(sb_max(at, 0), 1);
+        off = sb_v3_sub(sample->seen, sb_v3_madd(from, at, way));
+        if (sb_v3_dot(off, off) < nearest) {
+            nearest = sb_v3_dot(off, off);
+            *share = at;
+            found = i;
+        }
+    }
+    return found;
+}
+
+/* The two lines across the model's one, from where a sample has its place. */
+static void regi_infer_add_sample(reg_infer *f, const regi_infer_sample *sample, int from, sb_real share)
+{
+    regi_infer_line *line = f->lines + f->line_count;
+    sb_vec3 way = sb_v3_sub(f->mark_places[from + 1], f->mark_places[from]);
+    sb_vec3 along = sb_v3_scale(1 / sb_v3_norm(way), way);
+    line->points[0] = from;
+    line->points[1] = from + 1;
+    line->share = share;
+    line->axis = sb_v3_perpendicular(along);
+    line->seen = sample->seen;
+    line->variance = sample->variance;
+    line[1] = line[0];
+    line[1].axis = sb_v3_cross(along, line->axis);
+    f->line_count += 2;
+}
+
+REGI_API void regi_infer_follow_curves(reg_infer *f)
+{
+    f->line_count = 3 * f->landmark_count;
+    if (f->sample_count > 0)
+        sb_mapping_apply(&f->marks.mapping, sb_body_positions(f->model->body), f->mark_places);
+    for (int i = 0; i < f->sample_count; i++) {
+        sb_real share = 0;
+        int from = regi_infer_find_on_curve(f, f->samples + i, &share);
+        if (from >= 0)
+            regi_infer_add_sample(f, f->samples + i, from, share);
+    }
+}
+
+REGI_API void regi_infer_add_line(const reg_infer *f, const regi_infer_line *line, sb_vec3 *row, double *gap,
+                                  sb_vec3 *place)
+{
+    const sb_mapping *mapping = &f->marks.mapping;
+    const sb_vec3 *x = sb_body_positions(f->model->body);
+    *place = sb_v3(0, 0, 0);
+    for (int end = 0; end < 2; end++) {
+        sb_real part = end ? line->share : 1 - line->share;
+        for (int k = mapping->row_start[line->points[end]]; k < mapping->row_start[line->points[end] + 1]; k++) {
+            int node = mapping->nodes[k];
+            *place = sb_v3_madd(*place, part * mapping->weights[k], x[node]);
+            row[node] = sb_v3_madd(row[node], part * mapping->weights[k], line->axis);
+        }
+    }
+    *gap = (double)sb_v3_dot(sb_v3_sub(line->seen, *place), line->axis);
+}
 
 /* ==== src/register/infer_rows.c ==== */
 /* infer_rows: the target's points, their patches, places of the model, and trust. */
@@ -12818,8 +13111,8 @@ static int regi_infer_list_data(reg_infer *f)
             f->patch_of[f->gauss.count++] = s;
         }
     patches = f->gauss.count;
-    for (int k = 0; k < 3 * f->landmark_count; k++) {
-        f->averaged[f->gauss.count] = (double)f->mark_sd[k / 3] * (double)f->mark_sd[k / 3];
+    for (int k = 0; k < f->line_count; k++) {
+        f->averaged[f->gauss.count] = f->lines[k].variance;
         f->patch_of[f->gauss.count++] = -1 - k;
     }
     return patches;
@@ -12845,6 +13138,7 @@ REGI_API int regi_infer_look(reg_infer *f, int round)
     for (int i = 0; i < f->look.point_count; i++)
         regi_look_place(&f->look, f->look.points + i);
     regi_look_judge(&f->look, regi_infer_early_limit(f, round), round < 2 ? 4 : 6);
+    regi_infer_follow_curves(f);
     return regi_infer_list_data(f);
 }
 
@@ -12865,26 +13159,16 @@ static void regi_infer_add_pose(const reg_infer *f, sb_vec3 place, sb_vec3 line,
         pose[k] += (double)slope[k];
 }
 
-static void regi_infer_mark_row(const reg_infer *f, int component, sb_vec3 *row, double *gap,
-                                double pose[REGI_INFER_POSE])
-{
-    int mark = component / 3, axis = component % 3;
-    sb_vec3 line = sb_v3(axis == 0, axis == 1, axis == 2), now = sb_v3(0, 0, 0);
-    const sb_mapping *mapping = &f->marks.mapping;
-    for (int k = mapping->row_start[mark]; k < mapping->row_start[mark + 1]; k++)
-        now = sb_v3_madd(now, mapping->weights[k], sb_body_positions(f->model->body)[mapping->nodes[k]]);
-    *gap = (double)sb_v3_dot(sb_v3_sub(f->mark_seen[mark], now), line);
-    regi_infer_add_pose(f, now, line, pose);
-    regi_infer_add(mapping, mark, line, row);
-}
-
 REGI_API void regi_infer_row(const reg_infer *f, int datum, sb_vec3 *row, double *gap, double pose[REGI_INFER_POSE])
 {
     int patch = f->patch_of[datum];
     *gap = 0;
     memset(pose, 0, REGI_INFER_POSE * sizeof *pose);
     if (patch < 0) {
-        regi_infer_mark_row(f, -1 - patch, row, gap, pose);
+        const regi_infer_line *line = f->lines + (-1 - patch);
+        sb_vec3 place;
+        regi_infer_add_line(f, line, row, gap, &place);
+        regi_infer_add_pose(f, place, line->axis, pose);
         return;
     }
     for (int i = f->look.patch_start[patch]; i < f->look.patch_start[patch + 1]; i++) {
@@ -12913,8 +13197,9 @@ REGI_API double regi_infer_measure(const reg_infer *f, int datum, const sb_vec3 
     int patch = f->patch_of[datum];
     double sum = 0;
     if (patch < 0) {
-        int axis = (-1 - patch) % 3;
-        return regi_infer_measure_point(&f->marks.mapping, (-1 - patch) / 3, sb_v3(axis == 0, axis == 1, axis == 2), u);
+        const regi_infer_line *line = f->lines + (-1 - patch);
+        return (double)(1 - line->share) * regi_infer_measure_point(&f->marks.mapping, line->points[0], line->axis, u) +
+               (double)line->share * regi_infer_measure_point(&f->marks.mapping, line->points[1], line->axis, u);
     }
     for (int i = f->look.patch_start[patch]; i < f->look.patch_start[patch + 1]; i++) {
         const regi_look_point *p = f->look.points + i;
@@ -13415,7 +13700,8 @@ static void regi_infer_move_row(reg_infer *f, int datum)
 {
     int patch = f->patch_of[datum];
     if (patch < 0) {
-        regi_infer_move_point(f, datum, &f->marks.mapping, (-1 - patch) / 3);
+        for (int k = 0; k < 2; k++)
+            regi_infer_move_point(f, datum, &f->marks.mapping, f->lines[-1 - patch].points[k]);
         return;
     }
     for (int i = f->look.patch_start[patch]; i < f->look.patch_start[patch + 1]; i++)
@@ -13936,12 +14222,12 @@ static int regi_infer_widen(reg_infer *f)
 
 /* The share of the way that pays: M^3 / (M^3 + (D E^2)^1.5) for one of M that is unsure by E, root mean squares over
  * the nodes. D grows with what is left over of the data's variance and with how many of them are off alike: data, model
- * and prior are wrong in ways that draws from them do not have. increment: the way. Landmarks speak for the elastic
- * shape. */
+ * and prior are wrong in ways that draws from them do not have. increment: the way. Landmarks and curves speak for the
+ * elastic shape. */
 static sb_real regi_infer_sure(const reg_infer *f)
 {
     double way = 0, doubt = 0, alpha = regi_infer_alpha(f->quality.seen);
-    if (f->landmark_count > 0)
+    if (f->mark_count > 0)
         return 1;
     for (int i = 0; i < f->node_count; i++)
         way += (double)sb_v3_dot(f->increment[i], f->increment[i]);
@@ -13952,10 +14238,10 @@ static sb_real regi_infer_sure(const reg_infer *f)
 }
 
 /* How much of the way from the start to the elastic shape is believed. Small views tell hardly more than a pose: half
- * of it, or nothing where loads explain no more than a pose does. Landmarks speak for the elastic shape. */
+ * of it, or nothing where loads explain no more than a pose does. Landmarks and curves speak for the elastic shape. */
 static sb_real regi_infer_belief(const reg_infer *f)
 {
-    if (f->landmark_count > 0 || f->quality.seen >= (sb_real)REGI_INFER_SMALL)
+    if (f->mark_count > 0 || f->quality.seen >= (sb_real)REGI_INFER_SMALL)
         return 1;
     return f->quality.prior_margin < 3 ? 0 : (sb_real)0.5;
 }
@@ -14179,6 +14465,7 @@ REGI_API int regi_infer_is_motion(const reg_rigid *motion)
 
 static sb_result regi_infer_check(const reg_infer_def *def, sb_error *error)
 {
+    sb_result result;
     if (!def || def->cookie != REGI_INFER_COOKIE || !def->model)
         return sbi_fail(error, SB_ERROR_ARGUMENT,
                         "an inference needs a def made by reg_default_infer_def, and a model");
@@ -14192,15 +14479,9 @@ static sb_result regi_infer_check(const reg_infer_def *def, sb_error *error)
                         (double)def->start_turn, def->max_seconds, def->gravity);
     if (!regi_infer_is_motion(&def->start))
         return sbi_fail(error, SB_ERROR_ARGUMENT, "the start is no rigid motion");
-    if (def->landmark_count < 0 || def->landmark_count > 1000 || (def->landmark_count > 0 && !def->landmarks))
-        return sbi_fail(error, SB_ERROR_ARGUMENT, "%d landmarks: out of range, or without an array",
-                        def->landmark_count);
-    for (int i = 0; i < def->landmark_count; i++) {
-        if (!sb_v3_is_finite(def->landmarks[i].model) || !sb_v3_is_finite(def->landmarks[i].seen))
-            return sbi_fail_node(error, SB_ERROR_NOT_FINITE, i, "landmark %d is not finite", i);
-        if (!(def->landmarks[i].sd >= 0))
-            return sbi_fail_node(error, SB_ERROR_ARGUMENT, i, "sd of landmark %d is below 0", i);
-    }
+    result = regi_infer_check_marks(def, error);
+    if (result != SB_OK)
+        return result;
     for (int i = 0; def->pressed && i < def->model->mesh.node_count; i++)
         if (!(def->pressed[i] >= 0 && def->pressed[i] <= 1))
             return sbi_fail_node(error, SB_ERROR_ARGUMENT, i, "node %d is pressed by %g of a pressure: not 0 to 1", i,
@@ -14240,48 +14521,16 @@ static void regi_infer_take_cloud(reg_infer *f)
                        t->weights ? t->weights[i] : 1, t->sd ? t->sd[i] : 0);
 }
 
-/* Landmarks that count, as rows of the mesh's nodes. */
-static sb_result regi_infer_take_landmarks(reg_infer *f, sb_error *error)
-{
-    sb_embedding_def embed = sb_default_embedding_def();
-    sb_embedding *embedding = NULL;
-    sb_vec3 *places;
-    sb_result result;
-    int count = 0;
-    if (f->landmark_count == 0)
-        return SB_OK;
-    places = (sb_vec3 *)sbi_alloc(&f->allocator, (size_t)f->landmark_count, sizeof *places);
-    if (!places)
-        return sbi_fail(error, SB_ERROR_MEMORY, "no memory for %d landmarks", f->landmark_count);
-    for (int i = 0; i < f->def->landmark_count; i++)
-        if (sb_is_finite(f->def->landmarks[i].sd)) {
-            f->mark_seen[count] = f->def->landmarks[i].seen;
-            f->mark_sd[count] = f->def->landmarks[i].sd;
-            places[count++] = f->def->landmarks[i].model;
-        }
-    embed.mesh = &f->model->mesh;
-    embed.points = places;
-    embed.point_count = count;
-    embed.kind = SB_EMBED_PLAIN;
-    embed.max_distance = (sb_real)0.25 * f->model->size;
-    embed.allocator = f->allocator;
-    embed.jobs = f->model->jobs;
-    result = sb_embedding_create(&embed, &embedding, error);
-    if (result == SB_OK)
-        result = sb_embedding_mapping(embedding, &f->allocator, &f->marks, error);
-    sb_embedding_destroy(embedding);
-    sbi_free(&f->allocator, places);
-    return result;
-}
-
 /* ---- life ---- */
 
-REGI_API int regi_infer_most_data(const reg_infer *f) { return f->look.patch_count + 3 * f->landmark_count; }
+static int regi_infer_most_lines(const reg_infer *f) { return 3 * f->landmark_count + 2 * f->sample_count; }
+
+REGI_API int regi_infer_most_data(const reg_infer *f) { return f->look.patch_count + regi_infer_most_lines(f); }
 
 static void regi_infer_layout(reg_infer *f, sbi_arena *arena)
 {
     size_t n = (size_t)f->node_count, c = (size_t)f->model->prior.control_count, points = (size_t)f->look.point_count;
-    size_t patches = (size_t)f->look.patch_count, marks = (size_t)f->landmark_count, loads = (size_t)f->loads;
+    size_t patches = (size_t)f->look.patch_count, marks = (size_t)f->mark_count, loads = (size_t)f->loads;
     size_t most = (size_t)regi_infer_most_data(f) + REGI_GAUSS_EXACT, cells = (size_t)f->model->domain.cell_count;
     size_t width = (size_t)f->model->domain.nodes_per_cell, real = sizeof(double), vec = sizeof(sb_vec3);
     f->look.points = (regi_look_point *)sbi_arena_take(arena, points, sizeof(regi_look_point));
@@ -14289,8 +14538,9 @@ static void regi_infer_layout(reg_infer *f, sbi_arena *arena)
     f->patch_of = (int *)sbi_arena_take(arena, most, sizeof(int));
     f->look.sort = (sb_real *)sbi_arena_take(arena, points + patches, sizeof(sb_real));
     f->averaged = (double *)sbi_arena_take(arena, most, real);
-    f->mark_seen = (sb_vec3 *)sbi_arena_take(arena, marks, vec);
-    f->mark_sd = (sb_real *)sbi_arena_take(arena, marks, sizeof(sb_real));
+    f->mark_places = (sb_vec3 *)sbi_arena_take(arena, marks, vec);
+    f->lines = (regi_infer_line *)sbi_arena_take(arena, (size_t)regi_infer_most_lines(f), sizeof(regi_infer_line));
+    f->samples = (regi_infer_sample *)sbi_arena_take(arena, (size_t)f->sample_count, sizeof(regi_infer_sample));
     f->raw = (double *)sbi_arena_take(arena, loads, most * real);
     f->root = (double *)sbi_arena_take(arena, c, c * real);
     f->turned_root = (double *)sbi_arena_take(arena, c, c * real);
@@ -14346,15 +14596,15 @@ static size_t regi_infer_widest(const sb_mapping *mapping, int rows)
     return (size_t)most;
 }
 
-/* Room for what the inverse goes between: the nodes that patches and landmarks depend on. */
+/* Room for what the inverse goes between: the nodes that patches and lines depend on. */
 static sb_result regi_infer_make_between(reg_infer *f, sb_error *error)
 {
     const reg_model *m = f->model;
-    size_t n = (size_t)f->node_count, marks = (size_t)f->landmark_count, dense = (size_t)f->look.patch_count * n;
+    size_t n = (size_t)f->node_count, lines = (size_t)regi_infer_most_lines(f), dense = (size_t)f->look.patch_count * n;
     size_t points = 3 * (size_t)f->look.point_count * regi_infer_widest(&m->rows.mapping, m->skin.node_count);
     size_t entries = points < dense ? points : dense;
-    if (marks > 0)
-        entries += 3 * marks * regi_infer_widest(&f->marks.mapping, f->landmark_count);
+    if (lines > 0)
+        entries += 2 * lines * regi_infer_widest(&f->marks.mapping, f->mark_count);
     return sbi_between_create(f->response.direct, regi_infer_most_data(f), m->prior.control_count, entries,
                               &f->allocator, &f->between, error);
 }
@@ -14418,8 +14668,7 @@ static sb_result regi_infer_make(reg_infer *f, const sb_mesh *triangles, sb_erro
     f->loads = 3 * f->model->prior.control_count + REGI_INFER_WEIGHT + (f->def->pressed != NULL);
     f->look.point_count = triangles ? triangles->node_count : f->def->target.count;
     f->look.patch_count = sbi_min_int(f->def->samples, f->look.point_count);
-    for (int i = 0; i < f->def->landmark_count; i++)
-        f->landmark_count += sb_is_finite(f->def->landmarks[i].sd);
+    regi_infer_count_marks(f);
     result = regi_infer_allocate(f, error);
     if (result != SB_OK)
         return result;
@@ -14430,7 +14679,7 @@ static sb_result regi_infer_make(reg_infer *f, const sb_mesh *triangles, sb_erro
     result = regi_infer_group(f, f->look.patch_count, error);
     if (result == SB_OK) {
         f->spacing = regi_infer_spacing(f);
-        result = regi_infer_take_landmarks(f, error);
+        result = regi_infer_take_marks(f, error);
     }
     if (result == SB_OK)
         result = regi_infer_make_between(f, error);

@@ -551,6 +551,186 @@ static void test_landmarks(void)
     free_organ(&o);
 }
 
+/* ---- curves ---- */
+
+enum { VESSEL = 9 };
+
+/* A line through the organ, of fine nodes near a straight one, and where it is seen, off by `noise` (m) across. */
+static void make_vessel(const organ *o, double noise, sb_vec3 *model, sb_vec3 *seen)
+{
+    unsigned long long seed = 5;
+    sb_vec3 from = sb_v3_scale(REAL(0.6), farthest(&o->fine, sb_v3(-1, 0, 0)));
+    sb_vec3 to = sb_v3_scale(REAL(0.6), farthest(&o->fine, sb_v3(1, 0, 0)));
+    for (int k = 0; k < VESSEL; k++) {
+        sb_vec3 at = sb_v3_madd(from, REAL(k / (VESSEL - 1.0)), sb_v3_sub(to, from));
+        int near = 0;
+        for (int i = 1; i < o->fine.node_count; i++)
+            if (sb_v3_norm(sb_v3_sub(o->fine.nodes[i], at)) < sb_v3_norm(sb_v3_sub(o->fine.nodes[near], at)))
+                near = i;
+        model[k] = o->fine.nodes[near];
+        seen[k] = sb_v3_add(model[k], o->truth[near]);
+        for (int axis = 1; axis < 3; axis++)
+            (&seen[k].x)[axis] += REAL(check_random_in(&seed, -noise, noise));
+    }
+}
+
+/* Distance (m) of a point from a line of corners. */
+static double off_line(sb_vec3 x, const sb_vec3 *corners, int count)
+{
+    double least = 1e9;
+    for (int i = 0; i + 1 < count; i++) {
+        sb_vec3 way = sb_v3_sub(corners[i + 1], corners[i]);
+        sb_real share = sb_v3_dot(sb_v3_sub(x, corners[i]), way) / sb_v3_dot(way, way);
+        sb_vec3 at = sb_v3_madd(corners[i], sb_min(sb_max(share, 0), 1), way);
+        least = fmin(least, (double)sb_v3_norm(sb_v3_sub(x, at)));
+    }
+    return least;
+}
+
+/* Mean error (m) with a curve, which counts where it is told of; shape[coarse nodes]: the answer; *beside: how far the
+ * model's corners are from the line that is seen, mean (m). */
+static double error_with(const organ *o, const sb_mesh *part, const reg_curve *curve, int told, sb_vec3 *shape,
+                         double *beside)
+{
+    reg_infer_def def = def_of(o, part);
+    reg_infer *infer = NULL;
+    double error = 0, expected, covered;
+    sb_vec3 moved[VESSEL];
+    def.curves = curve;
+    def.curve_count = told;
+    *beside = 0;
+    if (CHECK_OK(reg_infer_run(&def, &infer, NULL))) {
+        error = error_of(o, infer, &expected, &covered);
+        CHECK_OK(reg_infer_displacements(infer, shape));
+        CHECK_OK(reg_infer_covariance(infer, curve->model, VESSEL, moved, NULL, NULL));
+        for (int i = 0; i < VESSEL; i++)
+            *beside += off_line(moved[i], curve->seen, curve->seen_count) / (int)VESSEL;
+    }
+    reg_infer_destroy(infer);
+    return error;
+}
+
+/* A vessel within, of which the course is seen, brings the answer nearer. One that nothing is known of changes no bit;
+ * seen from the other end, or with more corners, it does the same. */
+static void test_curves(void)
+{
+    double sums[2] = {0, 0}, besides[2] = {0, 0};
+    int organs = check_quick() ? 1 : 3;
+    for (int k = 0; k < organs; k++) {
+        organ o;
+        if (make_organ(&o, 70 + 9 * (unsigned long long)k, k == 1 ? -0.07 : 0.07, NULL)) {
+            sb_mesh part = part_of(&o, sb_v3(0, 0, 1), 0.45);
+            size_t n = (size_t)o.coarse.node_count;
+            sb_vec3 model[VESSEL], seen[VESSEL], other[2 * VESSEL - 1];
+            sb_vec3 *shapes = (sb_vec3 *)calloc(3 * n, sizeof *shapes);
+            reg_curve curve = {model, VESSEL, seen, VESSEL, REAL(0.001)};
+            double plain, with, most = 0, beside[3];
+            make_vessel(&o, 5e-4, model, seen);
+            plain = error_with(&o, &part, &curve, 0, shapes, beside);
+            curve.sd = (sb_real)INFINITY;
+            (void)error_with(&o, &part, &curve, 1, shapes + n, beside + 2);
+            CHECK(memcmp(shapes, shapes + n, n * sizeof *shapes) == 0);
+            curve.sd = REAL(0.001);
+            with = error_with(&o, &part, &curve, 1, shapes + n, beside + 1);
+            for (int i = 0; i < 2 * VESSEL - 1; i++)
+                other[2 * VESSEL - 2 - i] = sb_v3_scale(REAL(0.5), sb_v3_add(seen[i / 2], seen[(i + 1) / 2]));
+            curve.seen = other;
+            curve.seen_count = 2 * VESSEL - 1;
+            (void)error_with(&o, &part, &curve, 1, shapes + 2 * n, beside + 2);
+            for (size_t i = 0; i < n; i++)
+                most = fmax(most, (double)sb_v3_norm(sb_v3_sub(shapes[2 * n + i], shapes[n + i])));
+            printf("   %.2f mm without a vessel, %.2f with it, beside it %.2f and %.2f\n", 1e3 * plain, 1e3 * with,
+                   1e3 * beside[0], 1e3 * beside[1]);
+            CHECK(most < (sizeof(sb_real) == 8 ? 1e-5 : 1e-2) * o.size);
+            sums[0] += plain;
+            sums[1] += with;
+            besides[0] += beside[0];
+            besides[1] += beside[1];
+            free(shapes);
+            sb_mesh_free(&part);
+        }
+        free_organ(&o);
+    }
+    CHECK(sums[1] < (organs > 1 ? 0.95 : 1.1) * sums[0] && besides[1] < 0.5 * besides[0]);
+}
+
+/* What slides along a line costs nothing: a block that is seen where it is, and a line of it that is seen farther on.
+ * A landmark there draws it along. */
+static void test_sliding(void)
+{
+    const sb_vec3 size = {REAL(0.2), REAL(0.1), REAL(0.1)};
+    sb_mesh mesh = scene_box(SB_TET4, 8, 4, 4, size, 0);
+    sb_vec3 line[2] = {{REAL(0.02), REAL(0.05), REAL(0.05)}, {REAL(0.18), REAL(0.05), REAL(0.05)}}, seen[2];
+    reg_curve curve = {line, 2, seen, 2, REAL(1e-4)};
+    reg_landmark mark = {line[0], line[0], REAL(1e-4)};
+    reg_model_def def = reg_default_model_def();
+    reg_model *model = NULL;
+    sb_boundary skin;
+    sb_vec3 *u = (sb_vec3 *)calloc((size_t)mesh.node_count, sizeof *u);
+    def.mesh = &mesh;
+    for (int k = 0; k < 2; k++)
+        seen[k] = sb_v3_add(line[k], sb_v3(REAL(0.01), 0, 0));
+    mark.seen.x += REAL(0.01);
+    if (CHECK_OK(sb_mesh_boundary(&mesh, 1, NULL, &skin, NULL)) && CHECK_OK(reg_model_create(&def, &model, NULL)))
+        for (int k = 0; k < 2; k++) {
+            reg_infer_def asked = reg_default_infer_def();
+            reg_infer *infer = NULL;
+            double most = 0;
+            asked.model = model;
+            asked.target.points = skin.surface.nodes;
+            asked.target.count = skin.surface.node_count;
+            asked.curves = &curve;
+            asked.curve_count = k == 0;
+            asked.landmarks = &mark;
+            asked.landmark_count = k;
+            if (CHECK_OK(reg_infer_run(&asked, &infer, NULL)) && CHECK_OK(reg_infer_displacements(infer, u)))
+                for (int i = 0; i < mesh.node_count; i++)
+                    most = fmax(most, (double)sb_v3_norm(u[i]));
+            CHECK(k ? most > 1e-3 : most < (sizeof(sb_real) == 8 ? 1e-6 : 1e-4));
+            reg_infer_destroy(infer);
+        }
+    sb_boundary_free(&skin);
+    reg_model_destroy(model);
+    free(u);
+    sb_mesh_free(&mesh);
+}
+
+/* What is no curve is refused by its number, and nothing is made. */
+static void test_bad_curves(void)
+{
+    sb_mesh mesh = scene_box(SB_TET4, 3, 3, 3, sb_v3(REAL(0.1), REAL(0.1), REAL(0.1)), 0);
+    const sb_vec3 good[2] = {{0, 0, 0}, {REAL(0.1), 0, 0}}, point[2] = {{0, 0, 0}, {0, 0, 0}};
+    const sb_vec3 endless[2] = {{0, 0, 0}, {(sb_real)INFINITY, 0, 0}};
+    const struct {
+        reg_curve curve;
+        sb_result result;
+    } bad[7] = {{{NULL, 2, good, 2, 1}, SB_ERROR_ARGUMENT},   {{good, 1, good, 2, 1}, SB_ERROR_ARGUMENT},
+                {{good, 2, good, 0, 1}, SB_ERROR_ARGUMENT},   {{good, 2, good, 2, 0}, SB_ERROR_ARGUMENT},
+                {{good, 2, point, 2, 1}, SB_ERROR_ARGUMENT},  {{good, 2, endless, 2, 1}, SB_ERROR_NOT_FINITE},
+                {{good, 1001, good, 2, 1}, SB_ERROR_ARGUMENT}};
+    reg_model_def def = reg_default_model_def();
+    reg_infer_def asked = reg_default_infer_def();
+    reg_infer *infer = NULL;
+    sb_error error;
+    def.mesh = &mesh;
+    asked.target.points = mesh.nodes;
+    asked.target.count = mesh.node_count;
+    asked.curve_count = 2;
+    if (CHECK_OK(reg_model_create(&def, &asked.model, NULL))) {
+        for (int k = 0; k < 7; k++) {
+            reg_curve curves[2] = {{good, 2, good, 2, 1}, {good, 2, good, 2, 1}};
+            curves[1] = bad[k].curve;
+            asked.curves = curves;
+            CHECK_RESULT(reg_infer_run(&asked, &infer, &error), bad[k].result);
+            CHECK(error.node == 1 && !infer);
+        }
+        asked.curves = NULL;
+        CHECK_RESULT(reg_infer_run(&asked, &infer, &error), SB_ERROR_ARGUMENT);
+    }
+    reg_model_destroy(asked.model);
+    sb_mesh_free(&mesh);
+}
+
 /* A cloud without normals does as the surface does, and in another frame the same. */
 static void test_frames(void)
 {
@@ -845,12 +1025,16 @@ static void test_memory(void)
     box b;
     reg_landmark mark = {sb_v3(REAL(0.1), REAL(0.07), REAL(0.04)), sb_v3(REAL(0.1), REAL(0.07), REAL(0.045)),
                          REAL(1e-3)};
+    sb_vec3 ends[2] = {{REAL(0.05), REAL(0.05), REAL(0.02)}, {REAL(0.1), REAL(0.05), REAL(0.02)}};
+    reg_curve curve = {ends, 2, ends, 2, REAL(1e-3)};
     if (!make_box(&b, &allocator)) {
         free_box(&b);
         return;
     }
     b.def.landmarks = &mark;
     b.def.landmark_count = 1;
+    b.def.curves = &curve;
+    b.def.curve_count = 1;
     b.def.rounds = 1;
     for (int fail = 1, before = (int)memory.live; result == SB_ERROR_MEMORY && fail < 1000; fail++) {
         reg_infer *infer = NULL;
@@ -886,6 +1070,7 @@ static void test_memory(void)
 }
 
 CHECK_SUITE(infer, {"organs", test_organs}, {"small_views", test_small_views}, {"still", test_still},
-            {"landmarks", test_landmarks}, {"cantilever", test_cantilever}, {"frames", test_frames},
+            {"landmarks", test_landmarks}, {"curves", test_curves}, {"sliding", test_sliding},
+            {"bad curves", test_bad_curves}, {"cantilever", test_cantilever}, {"frames", test_frames},
             {"points", test_points}, {"threads", test_threads}, {"again", test_again}, {"caps", test_caps},
             {"refusals", test_refusals}, {"failing allocations", test_memory});

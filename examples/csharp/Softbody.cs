@@ -2668,12 +2668,23 @@ public unsafe struct reg_landmark
     public double sd;
 }
 [StructLayout(LayoutKind.Sequential)]
+public unsafe struct reg_curve
+{
+    public sb_vec3* model;
+    public int model_count;
+    public sb_vec3* seen;
+    public int seen_count;
+    public double sd;
+}
+[StructLayout(LayoutKind.Sequential)]
 public unsafe struct reg_infer_def
 {
     public reg_model* model;
     public reg_points target;
     public reg_landmark* landmarks;
     public int landmark_count;
+    public reg_curve* curves;
+    public int curve_count;
     public reg_rigid start;
     public double start_sd;
     public double start_turn;
@@ -6684,8 +6695,8 @@ public static unsafe class Native
     public static extern reg_infer_def reg_default_infer_def();
     /// <summary>
     /// Infers; all memory is taken here, from the model's allocator. SB_ERROR_ARGUMENT (a field, named),
-    /// SB_ERROR_NOT_FINITE (error-&gt;node: the point, or the landmark), what sb_surface_create says of a target surface,
-    /// SB_ERROR_NOT_CONVERGED (no point of the target has an allowed place of the model, or loads cannot be told),
+    /// SB_ERROR_NOT_FINITE (error-&gt;node: the point, the landmark or the curve), what sb_surface_create says of a target
+    /// surface, SB_ERROR_NOT_CONVERGED (no point of the target has an allowed place of the model, or loads cannot be told),
     /// SB_ERROR_INDEFINITE, SB_ERROR_MEMORY: *infer is then untouched. Deterministic; the same bits for any number of
     /// threads, without a time limit.
     /// </summary>
@@ -6695,10 +6706,10 @@ public static unsafe class Native
     public static extern void reg_infer_destroy(reg_infer* infer);
     /// <summary>
     /// displacements[nodes] (m) of the model's nodes from rest to where they are in the target's frame. Where less than 15 %
-    /// of the surface is seen and no landmark was given, a tenth tells too little of the rest: the answer is then half the
-    /// way from the start to the elastic shape, or the start where loads explain no more than a pose does (quality.belief).
-    /// Without landmarks all answers stop short of the elastic shape by as much as it is unsure for how far from the start
-    /// it is (quality.sure). What is left of the way is in the errors to expect.
+    /// of the surface is seen and no landmark or curve was given, a tenth tells too little of the rest: the answer is then
+    /// half the way from the start to the elastic shape, or the start where loads explain no more than a pose does
+    /// (quality.belief). Without landmarks and curves all answers stop short of the elastic shape by as much as it is unsure
+    /// for how far from the start it is (quality.sure). What is left of the way is in the errors to expect.
     /// </summary>
     [DllImport(Library, CallingConvention = CallingConvention.Cdecl)]
     public static extern sb_result reg_infer_displacements(reg_infer* infer, sb_vec3* displacements);

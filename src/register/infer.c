@@ -52,6 +52,7 @@ REGI_API int regi_infer_is_motion(const reg_rigid *motion)
 
 static sb_result regi_infer_check(const reg_infer_def *def, sb_error *error)
 {
+    sb_result result;
     if (!def || def->cookie != REGI_INFER_COOKIE || !def->model)
         return sbi_fail(error, SB_ERROR_ARGUMENT,
                         "an inference needs a def made by reg_default_infer_def, and a model");
@@ -65,15 +66,9 @@ static sb_result regi_infer_check(const reg_infer_def *def, sb_error *error)
                         (double)def->start_turn, def->max_seconds, def->gravity);
     if (!regi_infer_is_motion(&def->start))
         return sbi_fail(error, SB_ERROR_ARGUMENT, "the start is no rigid motion");
-    if (def->landmark_count < 0 || def->landmark_count > 1000 || (def->landmark_count > 0 && !def->landmarks))
-        return sbi_fail(error, SB_ERROR_ARGUMENT, "%d landmarks: out of range, or without an array",
-                        def->landmark_count);
-    for (int i = 0; i < def->landmark_count; i++) {
-        if (!sb_v3_is_finite(def->landmarks[i].model) || !sb_v3_is_finite(def->landmarks[i].seen))
-            return sbi_fail_node(error, SB_ERROR_NOT_FINITE, i, "landmark %d is not finite", i);
-        if (!(def->landmarks[i].sd >= 0))
-            return sbi_fail_node(error, SB_ERROR_ARGUMENT, i, "sd of landmark %d is below 0", i);
-    }
+    result = regi_infer_check_marks(def, error);
+    if (result != SB_OK)
+        return result;
     for (int i = 0; def->pressed && i < def->model->mesh.node_count; i++)
         if (!(def->pressed[i] >= 0 && def->pressed[i] <= 1))
             return sbi_fail_node(error, SB_ERROR_ARGUMENT, i, "node %d is pressed by %g of a pressure: not 0 to 1", i,
@@ -113,48 +108,16 @@ static void regi_infer_take_cloud(reg_infer *f)
                        t->weights ? t->weights[i] : 1, t->sd ? t->sd[i] : 0);
 }
 
-/* Landmarks that count, as rows of the mesh's nodes. */
-static sb_result regi_infer_take_landmarks(reg_infer *f, sb_error *error)
-{
-    sb_embedding_def embed = sb_default_embedding_def();
-    sb_embedding *embedding = NULL;
-    sb_vec3 *places;
-    sb_result result;
-    int count = 0;
-    if (f->landmark_count == 0)
-        return SB_OK;
-    places = (sb_vec3 *)sbi_alloc(&f->allocator, (size_t)f->landmark_count, sizeof *places);
-    if (!places)
-        return sbi_fail(error, SB_ERROR_MEMORY, "no memory for %d landmarks", f->landmark_count);
-    for (int i = 0; i < f->def->landmark_count; i++)
-        if (sb_is_finite(f->def->landmarks[i].sd)) {
-            f->mark_seen[count] = f->def->landmarks[i].seen;
-            f->mark_sd[count] = f->def->landmarks[i].sd;
-            places[count++] = f->def->landmarks[i].model;
-        }
-    embed.mesh = &f->model->mesh;
-    embed.points = places;
-    embed.point_count = count;
-    embed.kind = SB_EMBED_PLAIN;
-    embed.max_distance = (sb_real)0.25 * f->model->size;
-    embed.allocator = f->allocator;
-    embed.jobs = f->model->jobs;
-    result = sb_embedding_create(&embed, &embedding, error);
-    if (result == SB_OK)
-        result = sb_embedding_mapping(embedding, &f->allocator, &f->marks, error);
-    sb_embedding_destroy(embedding);
-    sbi_free(&f->allocator, places);
-    return result;
-}
-
 /* ---- life ---- */
 
-REGI_API int regi_infer_most_data(const reg_infer *f) { return f->look.patch_count + 3 * f->landmark_count; }
+static int regi_infer_most_lines(const reg_infer *f) { return 3 * f->landmark_count + 2 * f->sample_count; }
+
+REGI_API int regi_infer_most_data(const reg_infer *f) { return f->look.patch_count + regi_infer_most_lines(f); }
 
 static void regi_infer_layout(reg_infer *f, sbi_arena *arena)
 {
     size_t n = (size_t)f->node_count, c = (size_t)f->model->prior.control_count, points = (size_t)f->look.point_count;
-    size_t patches = (size_t)f->look.patch_count, marks = (size_t)f->landmark_count, loads = (size_t)f->loads;
+    size_t patches = (size_t)f->look.patch_count, marks = (size_t)f->mark_count, loads = (size_t)f->loads;
     size_t most = (size_t)regi_infer_most_data(f) + REGI_GAUSS_EXACT, cells = (size_t)f->model->domain.cell_count;
     size_t width = (size_t)f->model->domain.nodes_per_cell, real = sizeof(double), vec = sizeof(sb_vec3);
     f->look.points = (regi_look_point *)sbi_arena_take(arena, points, sizeof(regi_look_point));
@@ -162,8 +125,9 @@ static void regi_infer_layout(reg_infer *f, sbi_arena *arena)
     f->patch_of = (int *)sbi_arena_take(arena, most, sizeof(int));
     f->look.sort = (sb_real *)sbi_arena_take(arena, points + patches, sizeof(sb_real));
     f->averaged = (double *)sbi_arena_take(arena, most, real);
-    f->mark_seen = (sb_vec3 *)sbi_arena_take(arena, marks, vec);
-    f->mark_sd = (sb_real *)sbi_arena_take(arena, marks, sizeof(sb_real));
+    f->mark_places = (sb_vec3 *)sbi_arena_take(arena, marks, vec);
+    f->lines = (regi_infer_line *)sbi_arena_take(arena, (size_t)regi_infer_most_lines(f), sizeof(regi_infer_line));
+    f->samples = (regi_infer_sample *)sbi_arena_take(arena, (size_t)f->sample_count, sizeof(regi_infer_sample));
     f->raw = (double *)sbi_arena_take(arena, loads, most * real);
     f->root = (double *)sbi_arena_take(arena, c, c * real);
     f->turned_root = (double *)sbi_arena_take(arena, c, c * real);
@@ -219,15 +183,15 @@ static size_t regi_infer_widest(const sb_mapping *mapping, int rows)
     return (size_t)most;
 }
 
-/* Room for what the inverse goes between: the nodes that patches and landmarks depend on. */
+/* Room for what the inverse goes between: the nodes that patches and lines depend on. */
 static sb_result regi_infer_make_between(reg_infer *f, sb_error *error)
 {
     const reg_model *m = f->model;
-    size_t n = (size_t)f->node_count, marks = (size_t)f->landmark_count, dense = (size_t)f->look.patch_count * n;
+    size_t n = (size_t)f->node_count, lines = (size_t)regi_infer_most_lines(f), dense = (size_t)f->look.patch_count * n;
     size_t points = 3 * (size_t)f->look.point_count * regi_infer_widest(&m->rows.mapping, m->skin.node_count);
     size_t entries = points < dense ? points : dense;
-    if (marks > 0)
-        entries += 3 * marks * regi_infer_widest(&f->marks.mapping, f->landmark_count);
+    if (lines > 0)
+        entries += 2 * lines * regi_infer_widest(&f->marks.mapping, f->mark_count);
     return sbi_between_create(f->response.direct, regi_infer_most_data(f), m->prior.control_count, entries,
                               &f->allocator, &f->between, error);
 }
@@ -291,8 +255,7 @@ static sb_result regi_infer_make(reg_infer *f, const sb_mesh *triangles, sb_erro
     f->loads = 3 * f->model->prior.control_count + REGI_INFER_WEIGHT + (f->def->pressed != NULL);
     f->look.point_count = triangles ? triangles->node_count : f->def->target.count;
     f->look.patch_count = sbi_min_int(f->def->samples, f->look.point_count);
-    for (int i = 0; i < f->def->landmark_count; i++)
-        f->landmark_count += sb_is_finite(f->def->landmarks[i].sd);
+    regi_infer_count_marks(f);
     result = regi_infer_allocate(f, error);
     if (result != SB_OK)
         return result;
@@ -303,7 +266,7 @@ static sb_result regi_infer_make(reg_infer *f, const sb_mesh *triangles, sb_erro
     result = regi_infer_group(f, f->look.patch_count, error);
     if (result == SB_OK) {
         f->spacing = regi_infer_spacing(f);
-        result = regi_infer_take_landmarks(f, error);
+        result = regi_infer_take_marks(f, error);
     }
     if (result == SB_OK)
         result = regi_infer_make_between(f, error);

@@ -61,12 +61,25 @@ typedef struct reg_landmark {
     sb_real sd;    /* standard deviation per axis (m), >= 0; 0: met exactly; infinite: counts nothing */
 } reg_landmark;
 
+/* A line of the organ and what is seen of it: a ridge, a rim, the root of a ligament, a vessel's centre line. It may
+ * slide along itself. Doubling the corners of a line changes nothing: what is seen is taken every fiftieth of the
+ * organ's size, at 32 places at most, each as sure as `sd` says. */
+typedef struct reg_curve {
+    const sb_vec3 *model; /* [model_count] m, corners of the line on or in the organ at rest; a part may be unseen */
+    int model_count;      /* [2, 1000] */
+    const sb_vec3 *seen;  /* [seen_count] m, corners of what is seen, in order, from either end */
+    int seen_count;       /* >= 2 */
+    sb_real sd;           /* standard deviation across the line, per axis (m), > 0; infinite: counts nothing */
+} reg_curve;
+
 /* What is asked. Start from reg_default_infer_def(), set model and target. */
 typedef struct reg_infer_def {
     reg_model *model; /* borrowed; it must outlive the inference */
     reg_points target;
     const reg_landmark *landmarks; /* [landmark_count] or NULL */
     int landmark_count;
+    const reg_curve *curves; /* [curve_count] or NULL */
+    int curve_count;
     reg_rigid start;    /* model to target: a pose nearby; default: none but the model's own */
     sb_real start_sd;   /* of the place that it gives the organ's middle (m), at most 100 of its sizes; default 0: 0.07
                          * of the size */
@@ -87,8 +100,8 @@ REG_API reg_infer_def reg_default_infer_def(void);
 typedef struct reg_infer reg_infer;
 
 /* Infers; all memory is taken here, from the model's allocator. SB_ERROR_ARGUMENT (a field, named),
- * SB_ERROR_NOT_FINITE (error->node: the point, or the landmark), what sb_surface_create says of a target surface,
- * SB_ERROR_NOT_CONVERGED (no point of the target has an allowed place of the model, or loads cannot be told),
+ * SB_ERROR_NOT_FINITE (error->node: the point, the landmark or the curve), what sb_surface_create says of a target
+ * surface, SB_ERROR_NOT_CONVERGED (no point of the target has an allowed place of the model, or loads cannot be told),
  * SB_ERROR_INDEFINITE, SB_ERROR_MEMORY: *infer is then untouched. Deterministic; the same bits for any number of
  * threads, without a time limit. */
 REG_API sb_result reg_infer_run(const reg_infer_def *def, reg_infer **infer, sb_error *error);
@@ -97,10 +110,10 @@ REG_API void reg_infer_destroy(reg_infer *infer); /* NULL is fine; the model sta
 /* ---- the answer: SB_ERROR_ARGUMENT for NULL -------------------------------------------------------------------- */
 
 /* displacements[nodes] (m) of the model's nodes from rest to where they are in the target's frame. Where less than 15 %
- * of the surface is seen and no landmark was given, a tenth tells too little of the rest: the answer is then half the
- * way from the start to the elastic shape, or the start where loads explain no more than a pose does (quality.belief).
- * Without landmarks all answers stop short of the elastic shape by as much as it is unsure for how far from the start
- * it is (quality.sure). What is left of the way is in the errors to expect. */
+ * of the surface is seen and no landmark or curve was given, a tenth tells too little of the rest: the answer is then
+ * half the way from the start to the elastic shape, or the start where loads explain no more than a pose does
+ * (quality.belief). Without landmarks and curves all answers stop short of the elastic shape by as much as it is unsure
+ * for how far from the start it is (quality.sure). What is left of the way is in the errors to expect. */
 REG_API sb_result reg_infer_displacements(const reg_infer *infer, sb_vec3 *displacements);
 /* forces[nodes] (N for a Young's modulus of 1000 Pa: they scale with it) that are found to act, weight included: those
  * of the whole way, of which the answer goes quality.sure. */

@@ -258,12 +258,12 @@ static int regi_infer_widen(reg_infer *f)
 
 /* The share of the way that pays: M^3 / (M^3 + (D E^2)^1.5) for one of M that is unsure by E, root mean squares over
  * the nodes. D grows with what is left over of the data's variance and with how many of them are off alike: data, model
- * and prior are wrong in ways that draws from them do not have. increment: the way. Landmarks speak for the elastic
- * shape. */
+ * and prior are wrong in ways that draws from them do not have. increment: the way. Landmarks and curves speak for the
+ * elastic shape. */
 static sb_real regi_infer_sure(const reg_infer *f)
 {
     double way = 0, doubt = 0, alpha = regi_infer_alpha(f->quality.seen);
-    if (f->landmark_count > 0)
+    if (f->mark_count > 0)
         return 1;
     for (int i = 0; i < f->node_count; i++)
         way += (double)sb_v3_dot(f->increment[i], f->increment[i]);
@@ -274,10 +274,10 @@ static sb_real regi_infer_sure(const reg_infer *f)
 }
 
 /* How much of the way from the start to the elastic shape is believed. Small views tell hardly more than a pose: half
- * of it, or nothing where loads explain no more than a pose does. Landmarks speak for the elastic shape. */
+ * of it, or nothing where loads explain no more than a pose does. Landmarks and curves speak for the elastic shape. */
 static sb_real regi_infer_belief(const reg_infer *f)
 {
-    if (f->landmark_count > 0 || f->quality.seen >= (sb_real)REGI_INFER_SMALL)
+    if (f->mark_count > 0 || f->quality.seen >= (sb_real)REGI_INFER_SMALL)
         return 1;
     return f->quality.prior_margin < 3 ? 0 : (sb_real)0.5;
 }

@@ -107,8 +107,8 @@ static int regi_infer_list_data(reg_infer *f)
             f->patch_of[f->gauss.count++] = s;
         }
     patches = f->gauss.count;
-    for (int k = 0; k < 3 * f->landmark_count; k++) {
-        f->averaged[f->gauss.count] = (double)f->mark_sd[k / 3] * (double)f->mark_sd[k / 3];
+    for (int k = 0; k < f->line_count; k++) {
+        f->averaged[f->gauss.count] = f->lines[k].variance;
         f->patch_of[f->gauss.count++] = -1 - k;
     }
     return patches;
@@ -134,6 +134,7 @@ REGI_API int regi_infer_look(reg_infer *f, int round)
     for (int i = 0; i < f->look.point_count; i++)
         regi_look_place(&f->look, f->look.points + i);
     regi_look_judge(&f->look, regi_infer_early_limit(f, round), round < 2 ? 4 : 6);
+    regi_infer_follow_curves(f);
     return regi_infer_list_data(f);
 }
 
@@ -154,26 +155,16 @@ static void regi_infer_add_pose(const reg_infer *f, sb_vec3 place, sb_vec3 line,
         pose[k] += (double)slope[k];
 }
 
-static void regi_infer_mark_row(const reg_infer *f, int component, sb_vec3 *row, double *gap,
-                                double pose[REGI_INFER_POSE])
-{
-    int mark = component / 3, axis = component % 3;
-    sb_vec3 line = sb_v3(axis == 0, axis == 1, axis == 2), now = sb_v3(0, 0, 0);
-    const sb_mapping *mapping = &f->marks.mapping;
-    for (int k = mapping->row_start[mark]; k < mapping->row_start[mark + 1]; k++)
-        now = sb_v3_madd(now, mapping->weights[k], sb_body_positions(f->model->body)[mapping->nodes[k]]);
-    *gap = (double)sb_v3_dot(sb_v3_sub(f->mark_seen[mark], now), line);
-    regi_infer_add_pose(f, now, line, pose);
-    regi_infer_add(mapping, mark, line, row);
-}
-
 REGI_API void regi_infer_row(const reg_infer *f, int datum, sb_vec3 *row, double *gap, double pose[REGI_INFER_POSE])
 {
     int patch = f->patch_of[datum];
     *gap = 0;
     memset(pose, 0, REGI_INFER_POSE * sizeof *pose);
     if (patch < 0) {
-        regi_infer_mark_row(f, -1 - patch, row, gap, pose);
+        const regi_infer_line *line = f->lines + (-1 - patch);
+        sb_vec3 place;
+        regi_infer_add_line(f, line, row, gap, &place);
+        regi_infer_add_pose(f, place, line->axis, pose);
         return;
     }
     for (int i = f->look.patch_start[patch]; i < f->look.patch_start[patch + 1]; i++) {
@@ -202,8 +193,9 @@ REGI_API double regi_infer_measure(const reg_infer *f, int datum, const sb_vec3 
     int patch = f->patch_of[datum];
     double sum = 0;
     if (patch < 0) {
-        int axis = (-1 - patch) % 3;
-        return regi_infer_measure_point(&f->marks.mapping, (-1 - patch) / 3, sb_v3(axis == 0, axis == 1, axis == 2), u);
+        const regi_infer_line *line = f->lines + (-1 - patch);
+        return (double)(1 - line->share) * regi_infer_measure_point(&f->marks.mapping, line->points[0], line->axis, u) +
+               (double)line->share * regi_infer_measure_point(&f->marks.mapping, line->points[1], line->axis, u);
     }
     for (int i = f->look.patch_start[patch]; i < f->look.patch_start[patch + 1]; i++) {
         const regi_look_point *p = f->look.points + i;

@@ -558,6 +558,7 @@ class reg_model_def(Structure): pass
 class reg_model(Structure): pass
 class reg_points(Structure): pass
 class reg_landmark(Structure): pass
+class reg_curve(Structure): pass
 class reg_infer_def(Structure): pass
 class reg_infer(Structure): pass
 class reg_quality(Structure): pass
@@ -2361,11 +2362,20 @@ reg_landmark._fields_ = [
     ("seen", sb_vec3),
     ("sd", c_double),
 ]
+reg_curve._fields_ = [
+    ("model", POINTER(sb_vec3)),
+    ("model_count", c_int),
+    ("seen", POINTER(sb_vec3)),
+    ("seen_count", c_int),
+    ("sd", c_double),
+]
 reg_infer_def._fields_ = [
     ("model", POINTER(reg_model)),
     ("target", reg_points),
     ("landmarks", POINTER(reg_landmark)),
     ("landmark_count", c_int),
+    ("curves", POINTER(reg_curve)),
+    ("curve_count", c_int),
     ("start", reg_rigid),
     ("start_sd", c_double),
     ("start_turn", c_double),
@@ -3556,8 +3566,8 @@ DOCUMENTATION = {
     'reg_loads_run': 'Moves the body of a match to where loads on little of its surface bring it.\nforces  [nodes of the body] found (N), 0 inside and where nodes are held; or NULL\ninfo    or NULL\nReturns SB_ERROR_ARGUMENT (a field, named), SB_ERROR_UNSUPPORTED (a Laplacian match; a body with pressures, springs,\nmappings or constraints), SB_ERROR_STATE (its mesh has changed since the match was made), SB_ERROR_INVERTED (element\nnamed), SB_ERROR_INDEFINITE,\nSB_ERROR_DIVERGED, SB_ERROR_NOT_CONVERGED (nothing of the surface is near the target), SB_ERROR_MEMORY; the\nbody is then as before and forces are untouched. All memory is taken at the beginning and released at the end.\nDeterministic.',
     'reg_model_create': 'Makes a model; everything is copied. SB_ERROR_ARGUMENT (a field, named), SB_ERROR_INDEX (a fixed node),\nSB_ERROR_UNSUPPORTED (custom elements), what sb_body_create says of the mesh, sb_surface_create and\nsb_embedding_create of the surface; SB_ERROR_MEMORY. *model is then untouched. One inference at a time may use a\nmodel, and the model must outlive it.',
     'reg_model_node_count': 'NULL is fine',
-    'reg_infer_run': "Infers; all memory is taken here, from the model's allocator. SB_ERROR_ARGUMENT (a field, named),\nSB_ERROR_NOT_FINITE (error->node: the point, or the landmark), what sb_surface_create says of a target surface,\nSB_ERROR_NOT_CONVERGED (no point of the target has an allowed place of the model, or loads cannot be told),\nSB_ERROR_INDEFINITE, SB_ERROR_MEMORY: *infer is then untouched. Deterministic; the same bits for any number of\nthreads, without a time limit.",
-    'reg_infer_displacements': "displacements[nodes] (m) of the model's nodes from rest to where they are in the target's frame. Where less than 15 %\nof the surface is seen and no landmark was given, a tenth tells too little of the rest: the answer is then half the\nway from the start to the elastic shape, or the start where loads explain no more than a pose does (quality.belief).\nWithout landmarks all answers stop short of the elastic shape by as much as it is unsure for how far from the start\nit is (quality.sure). What is left of the way is in the errors to expect.",
+    'reg_infer_run': "Infers; all memory is taken here, from the model's allocator. SB_ERROR_ARGUMENT (a field, named),\nSB_ERROR_NOT_FINITE (error->node: the point, the landmark or the curve), what sb_surface_create says of a target\nsurface, SB_ERROR_NOT_CONVERGED (no point of the target has an allowed place of the model, or loads cannot be told),\nSB_ERROR_INDEFINITE, SB_ERROR_MEMORY: *infer is then untouched. Deterministic; the same bits for any number of\nthreads, without a time limit.",
+    'reg_infer_displacements': "displacements[nodes] (m) of the model's nodes from rest to where they are in the target's frame. Where less than 15 %\nof the surface is seen and no landmark or curve was given, a tenth tells too little of the rest: the answer is then\nhalf the way from the start to the elastic shape, or the start where loads explain no more than a pose does\n(quality.belief). Without landmarks and curves all answers stop short of the elastic shape by as much as it is unsure\nfor how far from the start it is (quality.sure). What is left of the way is in the errors to expect.",
     'reg_infer_forces': "forces[nodes] (N for a Young's modulus of 1000 Pa: they scale with it) that are found to act, weight included: those\nof the whole way, of which the answer goes quality.sure.",
     'reg_infer_expected': 'expected[nodes]: root mean square error (m) to expect of each node.',
     'reg_infer_covariance': 'Where points[count] of the organ at rest (m) are, moved[count], and the covariance of that, covariances[count] (m^2);\neither may be NULL. SB_ERROR_NOT_FINITE, what sb_embedding_create says of points far off, SB_ERROR_MEMORY\nleave both untouched. From the draws, so that single covariances are known to a quarter.',
