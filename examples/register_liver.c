@@ -7,6 +7,8 @@
  * in metres (or --scale), nodes count from 0, # begins a comment:
  *     --landmarks FILE     x y z  X Y Z    a point of the model, and where it is seen; three or more, or with icp
  *                                          any, guide the rigid start, too
+ *     --curves FILE        c 0  x y z      the next corner of line c (0, 1, ...) of the model: a ridge, a vessel,
+ *                          c 1  X Y Z      and of what is seen of it; infer only
  *     --fix FILE           n               a node of the model that moves with the organ as a whole only,
  *                          x y z           or the node nearest to a point,
  *                          a b c d         or all nodes with a x + b y + c z < d
@@ -41,8 +43,8 @@ enum { EXIT_USAGE = 2, EXIT_FAILED = 3, EXIT_DOUBTFUL = 4 };
 #define REAL(x) ((sb_real)(x)) /* files and everything here are in double, the body in sb_real */
 
 typedef struct settings {
-    const char *method, *surface, *landmarks, *fix, *targets, *targets_out, *displacement, *out, *picture, *camera,
-        *seen_from, *gas;
+    const char *method, *surface, *landmarks, *curves, *fix, *targets, *targets_out, *displacement, *out, *picture,
+        *camera, *seen_from, *gas;
     int linear, partial, aligned, any, noisy, plain, force, cells, steps, help;
     double scale, young, poisson, seconds, limit;
 } settings;
@@ -58,6 +60,9 @@ typedef struct work {
     sb_vec3 seen_from, gas; /* of any length */
     sb_vec3 *landmarks, *landmark_targets;
     int landmark_count;
+    reg_curve *curves;
+    sb_vec3 *curve_points; /* of all of them */
+    int curve_count;
     int *fixed, fixed_count;
     sb_vec3 *targets;
     int target_count;
@@ -433,6 +438,59 @@ static int load_landmarks(work *w)
     return status;
 }
 
+/* Rows of one curve, of the model (side 0) or of what is seen (1), in order: *points moves behind them. */
+static int take_corners(const work *w, const rows *table, int curve, int side, sb_vec3 **points)
+{
+    int count = 0;
+    for (int i = 0; i < table->count; i++) {
+        const row *item = table->items + i;
+        if ((int)item->values[0] == curve && (int)item->values[1] == side)
+            (*points)[count++] = row_point(w->set, item, 2);
+    }
+    *points += count;
+    return count;
+}
+
+/* Curves are known to half a hundredth of the organ's size. */
+static void take_curves(work *w, const rows *table)
+{
+    sb_vec3 *points = w->curve_points, low, high;
+    sb_mesh_bounds(&w->model, &low, &high);
+    for (int c = 0; c < w->curve_count; c++) {
+        reg_curve *curve = w->curves + c;
+        curve->model = points;
+        curve->model_count = take_corners(w, table, c, 0, &points);
+        curve->seen = points;
+        curve->seen_count = take_corners(w, table, c, 1, &points);
+        curve->sd = (sb_real)0.005 * sb_v3_norm(sb_v3_sub(high, low));
+    }
+}
+
+static int load_curves(work *w)
+{
+    enum { MOST_CURVES = 1000 };
+    rows table;
+    int status = read_rows(w->set->curves, 1u << 5, "not `c 0  x y z` or `c 1  X Y Z`", &table);
+    for (int i = 0; !status && i < table.count; i++) {
+        double c = table.items[i].values[0], side = table.items[i].values[1];
+        if (!(c >= 0 && c < MOST_CURVES && c == floor(c)) || (side != 0 && side != 1))
+            status =
+                complain_line(w->set->curves, table.items[i].line, "not `c 0  x y z` or `c 1  X Y Z`, c from 0 on");
+        else if ((int)c >= w->curve_count)
+            w->curve_count = (int)c + 1;
+    }
+    if (!status) {
+        w->curves = (reg_curve *)calloc((size_t)w->curve_count, sizeof *w->curves);
+        w->curve_points = (sb_vec3 *)malloc((size_t)table.count * sizeof *w->curve_points);
+        if (!w->curves || !w->curve_points)
+            status = complain_memory();
+        else
+            take_curves(w, &table);
+    }
+    free(table.items);
+    return status;
+}
+
 static int nearest_node(const sb_mesh *mesh, sb_vec3 at)
 {
     int best = 0;
@@ -516,6 +574,8 @@ static int load_all(work *w, const char *const files[2])
         status = face_target(w, files[1]);
     if (!status && w->set->landmarks)
         status = load_landmarks(w);
+    if (!status && w->set->curves)
+        status = load_curves(w);
     if (!status && w->set->fix)
         status = load_fixed(w);
     if (!status && w->set->targets)
@@ -768,6 +828,8 @@ static task make_task(const work *w)
     given.landmarks = w->landmarks;
     given.landmark_targets = w->landmark_targets;
     given.landmark_count = w->landmark_count;
+    given.curves = w->curves;
+    given.curve_count = w->curve_count;
     given.young = set->young;
     given.poisson = set->poisson;
     given.steps = set->steps;
@@ -897,6 +959,8 @@ static void free_work(work *w)
     reg_cloud_free(&w->cloud);
     free(w->landmarks);
     free(w->landmark_targets);
+    free(w->curves);
+    free(w->curve_points);
     free(w->fixed);
     free(w->targets);
 }
@@ -909,8 +973,8 @@ static int check_settings(const settings *set, const char *const files[2])
     }
     if (method_find(set->method, strlen(set->method)) == METHOD_COUNT)
         return complain(set->method, "is no method: pbsm, pbsm-laplace, nicp, icp, cpd or infer");
-    if (set->gas && method_find(set->method, strlen(set->method)) != METHOD_INFER)
-        return complain("--gas", "goes with --method infer only");
+    if ((set->gas || set->curves) && method_find(set->method, strlen(set->method)) != METHOD_INFER)
+        return complain(set->gas ? "--gas" : "--curves", "goes with --method infer only");
     if (!set->targets != !set->targets_out) {
         fputs("register_liver: --targets and --targets-out go together\n", stderr);
         return EXIT_USAGE;
@@ -922,8 +986,8 @@ static int check_settings(const settings *set, const char *const files[2])
 
 static int program(int argc, char **argv)
 {
-    settings set = {"pbsm", NULL, NULL, NULL, NULL, NULL, NULL, NULL, NULL, NULL, NULL, NULL, 0, 0,
-                    0,      0,    0,    0,    0,    12,   300,  0,    1,    5000, 0.45, 60,   5};
+    settings set = {"pbsm", NULL, NULL, NULL, NULL, NULL, NULL, NULL, NULL, NULL, NULL, NULL, NULL, 0,
+                    0,      0,    0,    0,    0,    0,    12,   300,  0,    1,    5000, 0.45, 60,   5};
     const char *files[2] = {NULL, NULL};
     const option options[] = {
         {"--method", "NAME", OPTION_TEXT, NULL, NULL, &set.method, 0, 0,
@@ -951,6 +1015,8 @@ static int program(int argc, char **argv)
         {"--surface", "FILE", OPTION_TEXT, NULL, NULL, &set.surface, 0, 0,
          "the fine surface that the model was made from: it is matched in place of the model's own"},
         {"--landmarks", "FILE", OPTION_TEXT, NULL, NULL, &set.landmarks, 0, 0, "lines x y z  X Y Z"},
+        {"--curves", "FILE", OPTION_TEXT, NULL, NULL, &set.curves, 0, 0,
+         "infer only: lines c 0  x y z and c 1  X Y Z, corners of line c of the model and of what is seen of it"},
         {"--fix", "FILE", OPTION_TEXT, NULL, NULL, &set.fix, 0, 0, "lines n, x y z or a b c d: nodes that do not move"},
         {"--targets", "FILE", OPTION_TEXT, NULL, NULL, &set.targets, 0, 0, "lines x y z"},
         {"--targets-out", "FILE", OPTION_TEXT, NULL, NULL, &set.targets_out, 0, 0, "where these are then"},

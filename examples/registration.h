@@ -41,6 +41,8 @@ typedef struct task {
     int fixed_count;
     const sb_vec3 *landmarks, *landmark_targets; /* [landmark_count] m */
     int landmark_count;
+    const reg_curve *curves; /* [curve_count]; of infer */
+    int curve_count;
     const sb_vec3 *camera;    /* m, in the target's frame, or NULL */
     const sb_vec3 *seen_from; /* from the organ to the camera, in the model's frame, within about 30 degrees, or NULL */
     const sb_vec3 *gas;    /* infer: gas may press on what of the skin faces this way, in the model's frame, or NULL */
@@ -996,6 +998,8 @@ static inline sb_result task_infer(const task *given, outcome *out, sb_error *er
         def.target.camera = *given->camera;
     def.landmarks = marks;
     def.landmark_count = given->landmark_count;
+    def.curves = given->curves;
+    def.curve_count = given->curve_count;
     def.pressed = pressed;
     def.start = out->start;
     def.max_seconds = given->max_seconds;

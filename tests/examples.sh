@@ -778,6 +778,13 @@ if [ -n "$data" ] && [ -e "$case_of_liver/coarse_tet4.vtk" ]; then
         "$part_of_liver" --method infer --limit 0.1 --force
     expect 0 "^iterations=.* gas_pa=[-+.e0-9]*$sure" register_liver "$case_of_liver/coarse_tet4.vtk" "$part_of_liver" \
         --method infer --gas 0,0,1
+    printf '# a vessel\n0 0 -0.045 0.052 0.017\n0 0 0.108 -0.003 0.032\n0 1 0.107 -0.003 0.031\n0 1 -0.045 0.053 0.013\n' >curves.txt
+    expect 0 "${last%?}$sure" register_liver "$case_of_liver/coarse_tet4.vtk" "$part_of_liver" --method infer --curves curves.txt
+    expect 2 'curves: goes with --method infer only' register_liver "$case_of_liver/coarse_tet4.vtk" "$part_of_liver" \
+        --curves curves.txt
+    printf '0 0 0 0 0\n0 2 0 0 0\n' >bad.txt
+    expect 2 'bad.txt:2: not .c 0  x y z. or' register_liver "$case_of_liver/coarse_tet4.vtk" "$part_of_liver" --method infer \
+        --curves bad.txt
     expect 2 'gas: goes with --method infer only' register_liver "$case_of_liver/coarse_tet4.vtk" "$part_of_liver" --gas 0,0,1
     expect 2 '0,0,0 is no direction' register_liver "$case_of_liver/coarse_tet4.vtk" "$part_of_liver" --method infer \
         --gas 0,0,0
