@@ -12834,7 +12834,7 @@ static int regi_infer_samples_of(const reg_infer *f, const reg_curve *curve)
     double wanted = ceil((double)regi_infer_length(curve->seen, curve->seen_count) / apart);
     if (!sb_is_finite(curve->sd))
         return 0;
-    return wanted < REGI_INFER_MOST_SAMPLES ? (int)wanted : REGI_INFER_MOST_SAMPLES;
+    return wanted < (int)REGI_INFER_MOST_SAMPLES ? (int)wanted : (int)REGI_INFER_MOST_SAMPLES;
 }
 
 REGI_API void regi_infer_count_marks(reg_infer *f)

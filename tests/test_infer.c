@@ -562,7 +562,7 @@ static void make_vessel(const organ *o, double noise, sb_vec3 *model, sb_vec3 *s
     sb_vec3 from = sb_v3_scale(REAL(0.6), farthest(&o->fine, sb_v3(-1, 0, 0)));
     sb_vec3 to = sb_v3_scale(REAL(0.6), farthest(&o->fine, sb_v3(1, 0, 0)));
     for (int k = 0; k < VESSEL; k++) {
-        sb_vec3 at = sb_v3_madd(from, REAL(k / (VESSEL - 1.0)), sb_v3_sub(to, from));
+        sb_vec3 at = sb_v3_madd(from, REAL(k / ((int)VESSEL - 1.0)), sb_v3_sub(to, from));
         int near = 0;
         for (int i = 1; i < o->fine.node_count; i++)
             if (sb_v3_norm(sb_v3_sub(o->fine.nodes[i], at)) < sb_v3_norm(sb_v3_sub(o->fine.nodes[near], at)))
