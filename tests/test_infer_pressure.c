@@ -81,7 +81,7 @@ static void test_sphere(void)
         CHECK(qualities[0].prior != REG_PRIOR_PRESSURE && qualities[0].pressure == 0);
         CHECK_INT(qualities[1].prior, REG_PRIOR_PRESSURE);
         CHECK(qualities[1].pressure_margin > 3);
-        CHECK_NEAR(qualities[1].pressure / pressure, 1, 0.03);
+        CHECK_NEAR((double)qualities[1].pressure / pressure, 1, 0.03);
         CHECK(off_lame(&mesh, infers[1], share) < 0.04 * share * radius);
         CHECK(off_lame(&mesh, infers[1], share) < off_lame(&mesh, infers[0], share));
         printf("   evidence %.1f nats, pressure %.4f of Lame's, off by %.4f and %.4f of the motion\n",
