@@ -473,7 +473,7 @@ static int load_curves(work *w)
     int status = read_rows(w->set->curves, 1u << 5, "not `c 0  x y z` or `c 1  X Y Z`", &table);
     for (int i = 0; !status && i < table.count; i++) {
         double c = table.items[i].values[0], side = table.items[i].values[1];
-        if (!(c >= 0 && c < MOST_CURVES && c == floor(c)) || (side != 0 && side != 1))
+        if (!(c >= 0 && c < (int)MOST_CURVES && c == floor(c)) || (side != 0 && side != 1))
             status =
                 complain_line(w->set->curves, table.items[i].line, "not `c 0  x y z` or `c 1  X Y Z`, c from 0 on");
         else if ((int)c >= w->curve_count)
