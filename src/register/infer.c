@@ -70,7 +70,7 @@ static sb_result regi_infer_check(const reg_infer_def *def, sb_error *error)
     if (result != SB_OK)
         return result;
     for (int i = 0; def->pressed && i < def->model->mesh.node_count; i++)
-        if (!(def->pressed[i] >= 0 && def->pressed[i] <= 1))
+        if (!sb_is_finite(def->pressed[i]) || !(def->pressed[i] >= 0 && def->pressed[i] <= 1))
             return sbi_fail_node(error, SB_ERROR_ARGUMENT, i, "node %d is pressed by %g of a pressure: not 0 to 1", i,
                                  (double)def->pressed[i]);
     return regi_infer_check_points(&def->target, error);

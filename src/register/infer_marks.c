@@ -28,7 +28,15 @@ static sb_result regi_infer_check_landmarks(const reg_infer_def *def, sb_error *
     return SB_OK;
 }
 
-/* m; not finite where a corner is not. */
+static int regi_infer_are_finite(const sb_vec3 *points, int count)
+{
+    for (int i = 0; i < count; i++)
+        if (!sb_v3_is_finite(points[i]))
+            return 0;
+    return 1;
+}
+
+/* m */
 static sb_real regi_infer_length(const sb_vec3 *corners, int count)
 {
     sb_real sum = 0;
@@ -39,7 +47,6 @@ static sb_real regi_infer_length(const sb_vec3 *corners, int count)
 
 static sb_result regi_infer_check_curve(const reg_curve *curve, int index, sb_error *error)
 {
-    sb_real model, seen;
     if (!curve->model || !curve->seen || curve->model_count < 2 || curve->seen_count < 2 ||
         curve->model_count > REGI_INFER_MOST_MARKS)
         return sbi_fail_node(error, SB_ERROR_ARGUMENT, index,
@@ -47,11 +54,11 @@ static sb_result regi_infer_check_curve(const reg_curve *curve, int index, sb_er
                              index, curve->model_count, curve->seen_count, (int)REGI_INFER_MOST_MARKS);
     if (!(curve->sd > 0))
         return sbi_fail_node(error, SB_ERROR_ARGUMENT, index, "sd of curve %d is not above 0", index);
-    model = regi_infer_length(curve->model, curve->model_count);
-    seen = regi_infer_length(curve->seen, curve->seen_count);
-    if (!sb_is_finite(model) || !sb_is_finite(seen))
+    if (!regi_infer_are_finite(curve->model, curve->model_count) ||
+        !regi_infer_are_finite(curve->seen, curve->seen_count))
         return sbi_fail_node(error, SB_ERROR_NOT_FINITE, index, "curve %d is not finite", index);
-    if (!(model > 0) || !(seen > 0))
+    if (!(regi_infer_length(curve->model, curve->model_count) > 0) ||
+        !(regi_infer_length(curve->seen, curve->seen_count) > 0))
         return sbi_fail_node(error, SB_ERROR_ARGUMENT, index, "curve %d has no length", index);
     return SB_OK;
 }
