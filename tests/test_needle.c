@@ -1300,34 +1300,49 @@ static void draw_all_out(needle_scene *s, double step)
     CHECK(needle_scene_is_original(s));
 }
 
+/* 100 steps of stray commands, then all out. */
+static void run_random_scene(int scene, int *steps, int *inconsistent)
+{
+    unsigned long long seed = 1000003ULL * (unsigned long long)(scene + 1);
+    needle_scene s;
+    int failures = check.failures;
+    for (int i = 0; i < 8; i++)
+        check_random(&seed);
+    if (make_random_scene(&s, &seed)) {
+        double step = draw(&seed, 0.004, 0.05);
+        ndl_command commands[2] = {needle_command(0, 0), needle_command(0, 0)};
+        for (int i = 0; i < 100; i++) {
+            for (int k = 0; k < s.count && i % 6 == 0; k++)
+                commands[k] = stray(&s, k, &seed);
+            if (careful_step(&s, step, commands) != SB_OK)
+                commands[0] = commands[1] = needle_command(-0.03, 0);
+            *inconsistent += !s.info.consistent;
+            (*steps)++;
+        }
+        CHECK(needle_scene_is_sound(&s));
+        draw_all_out(&s, step);
+    }
+    if (check.failures > failures)
+        printf("random scene %d\n", scene);
+    needle_scene_free(&s);
+}
+
 static void test_random_scenes(void)
 {
     int most = getenv("CHECK_SLOW") ? 500 : check_quick() ? 2 : 10, steps = 0, inconsistent = 0;
-    for (int scene = 0; scene < most; scene++) {
-        unsigned long long seed = 1000003ULL * (unsigned long long)(scene + 1);
-        needle_scene s;
-        int failures = check.failures;
-        for (int i = 0; i < 8; i++)
-            check_random(&seed);
-        if (make_random_scene(&s, &seed)) {
-            double step = draw(&seed, 0.004, 0.05);
-            ndl_command commands[2] = {needle_command(0, 0), needle_command(0, 0)};
-            for (int i = 0; i < 100; i++) {
-                for (int k = 0; k < s.count && i % 6 == 0; k++)
-                    commands[k] = stray(&s, k, &seed);
-                if (careful_step(&s, step, commands) != SB_OK)
-                    commands[0] = commands[1] = needle_command(-0.03, 0);
-                inconsistent += !s.info.consistent;
-                steps++;
-            }
-            CHECK(needle_scene_is_sound(&s));
-            draw_all_out(&s, step);
-        }
-        if (check.failures > failures)
-            printf("random scene %d\n", scene);
-        needle_scene_free(&s);
-    }
+    for (int scene = 0; scene < most; scene++)
+        run_random_scene(scene, &steps, &inconsistent);
     CHECK(inconsistent <= 2 + steps / 250);
+}
+
+/* Meshes that have left a shaft millimetres beside its path: no step went on from there, not even one that draws the
+ * needle back. */
+static void test_beside_its_path(void)
+{
+    static const int scenes[] = {19, 91, 208, 391};
+    int steps = 0, inconsistent = 0;
+    for (int i = 0; i < (check_quick() ? 1 : 4); i++)
+        run_random_scene(scenes[i], &steps, &inconsistent);
 }
 
 CHECK_SUITE(needle, {"a bevel cuts a circle", test_circle}, {"half a turn makes an S", test_s_shape},
@@ -1346,4 +1361,4 @@ CHECK_SUITE(needle, {"a bevel cuts a circle", test_circle}, {"half a turn makes 
             {"no memory for good", test_no_memory_for_good}, {"a step waits to be taken back", test_undo_waits},
             {"steps take no memory", test_steps_take_no_memory},
             {"needles that come and go", test_needles_that_come_and_go}, {"long random use", test_long_random_use},
-            {"random scenes", test_random_scenes});
+            {"random scenes", test_random_scenes}, {"beside its path", test_beside_its_path});

@@ -54,15 +54,16 @@ typedef sb_real (*ndl_cutting)(void *user, sb_vec3 X, int region);
  * Which to take: NDL_EMBED, the default, wherever forces, bends or places matter, in soft tissue above all, in other
  * elements than tet4, in cut bodies, for needles close together. NDL_REMESH (what Chentanez 2010 has) where nodes are
  * wanted on the needle's line, or steps have to be cheap: it takes 0.6 times the time in a gel phantom of 24 x 24 x 3
- * cells, but 1 to 2.5 % of its insertions into curved skin have a step above 5 N. Markers of that phantom are off those
- * of a finer mesh by 0.107 mm with NDL_REMESH, 0.022 with NDL_EMBED (RMS; needle_phantom); lateral stiffness changes
- * 1.9 times over edges from 17 to 7 mm with NDL_REMESH; in 50 kPa a bend is 0.82 to 1.56 of its law with NDL_REMESH
- * (ndl_step_info.coarse says when), 0.99 to 1.06 with NDL_EMBED. A nitinol needle 28 mm deep in 30 kPa that is drawn
- * back takes tissue with it by 422 N/m, as a line of its radius in a tube of 30 mm, and its tip by some more: with
- * edges of 12 and 7.5 mm NDL_EMBED has 484 and 436 N/m, NDL_REMESH 1050 and 920. So after 4 mm of the way NDL_REMESH
- * slips, and holds all of the friction (0.82 N), while NDL_EMBED still sticks, as a needle would (0.43 N); after 10 mm
- * both hold friction times depth. Templates: 4 and 16 held needles 5 mm apart, in edges of 5 and 10 mm, feel friction
- * and cutting to 1 %.
+ * cells, but 1 to 2.5 % of its insertions into curved skin have a step above 5 N, and nearly along the skin needles may
+ * tear out (ndl_step_info.torn): of 60 wires of 1.8 mm at 63 to 86 degrees from its normal, in 14 kPa, 6 did so, with
+ * NDL_EMBED none. Markers of that phantom are off those of a finer mesh by 0.107 mm with NDL_REMESH, 0.022 with
+ * NDL_EMBED (RMS; needle_phantom); lateral stiffness changes 1.9 times over edges from 17 to 7 mm with NDL_REMESH; in
+ * 50 kPa a bend is 0.82 to 1.56 of its law with NDL_REMESH (ndl_step_info.coarse says when), 0.99 to 1.06 with
+ * NDL_EMBED. A nitinol needle 28 mm deep in 30 kPa that is drawn back takes tissue with it by 422 N/m, as a line of its
+ * radius in a tube of 30 mm, and its tip by some more: with edges of 12 and 7.5 mm NDL_EMBED has 484 and 436 N/m,
+ * NDL_REMESH 1050 and 920. So after 4 mm of the way NDL_REMESH slips, and holds all of the friction (0.82 N), while
+ * NDL_EMBED still sticks, as a needle would (0.43 N); after 10 mm both hold friction times depth. Templates: 4 and 16
+ * held needles 5 mm apart, in edges of 5 and 10 mm, feel friction and cutting to 1 %.
  *
  * With NDL_EMBED the shaft is held by springs at material points. They are what the mesh does not show of the tissue
  * close to the needle (couple_rows.h), so that what a hand feels hardly depends on the mesh: an 18-gauge or nitinol
@@ -171,10 +172,12 @@ typedef struct ndl_step_info {
     sb_real worst_quality;           /* of tets about the tips; 1: none */
     int blocked;         /* needles whose tip is held: it has come near the skin from inside, or the mesh could not
                           * follow it (no operation left sound tets, no memory); then it tries again later */
-    int torn;            /* needles that were less than half an edge deep and tore out of the skin, because nothing
-                          * else could be computed. With NDL_EMBED they are held again, without a force at first,
-                          * once they are half an edge deep: from where the shaft goes in through the skin. With
-                          * NDL_REMESH they come in again when their tips cross the skin anew, from outside */
+    int torn;            /* needles that tore out of the skin, because nothing else could be computed: less than half an
+                          * edge deep, or, with NDL_REMESH, where the mesh has left the shaft so far beside its path
+                          * that no step, however short, goes on from there. With NDL_EMBED they are held again,
+                          * without a force at first, once they are half an edge deep: from where the shaft goes in
+                          * through the skin. With NDL_REMESH they come in again when their tips cross the skin anew,
+                          * from outside */
     int limited;         /* needles that were fed less than asked for: the sleeve holds the rest, or capacity is used */
     int coarse;          /* needles with NDL_REMESH in tissue so soft that it, not the bevel, sets how far they bend
                           * (curvature times lam beyond the lag, see steer.h): their way then depends on the mesh, 0.82

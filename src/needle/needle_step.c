@@ -18,6 +18,7 @@ typedef struct ndli_stepping {
     int count;
     ndli_line *lines[NDL_MAX_NEEDLES];
     int patience; /* see sbi_step_part */
+    int unmoved;  /* the needle whose rod found no motion in the substep last tried, or -1 */
     ndl_step_info *info;
     sb_error *error;
 } ndli_stepping;
@@ -191,7 +192,7 @@ static sb_result ndli_step_prepare(const ndli_stepping *s, double dt, double sha
 
 /* One step of the body with the rods as its guest; then the rods move as was found. What has moved when that fails the
  * whole step's undo takes back. */
-static sb_result ndli_step_solve(const ndli_stepping *s, double dt, const ndli_part *part)
+static sb_result ndli_step_solve(ndli_stepping *s, double dt, const ndli_part *part)
 {
     struct ndli_site *site = s->site;
     double begin = ndli_step_now(site), solve;
@@ -214,8 +215,10 @@ static sb_result ndli_step_solve(const ndli_stepping *s, double dt, const ndli_p
     begin = ndli_step_now(site);
     if (result == SB_OK)
         result = ndli_couple_check(&couple, &s->info->body.error);
-    for (int k = 0; k < s->count && result == SB_OK; k++)
+    for (int k = 0; k < s->count && result == SB_OK; k++) {
         result = ndli_step_move_rod(s->needles[k], dt, &s->info->body.error);
+        s->unmoved = result == SB_OK ? -1 : k;
+    }
     s->info->seconds_needle += ndli_step_now(site) - begin;
     if (result == SB_OK)
         ndli_step_note_solve(s->info, &couple.info);
@@ -225,9 +228,10 @@ static sb_result ndli_step_solve(const ndli_stepping *s, double dt, const ndli_p
 }
 
 /* A substep of dt up to where the rods have moved. */
-static sb_result ndli_step_advance(const ndli_stepping *s, double dt, const ndli_part *part)
+static sb_result ndli_step_advance(ndli_stepping *s, double dt, const ndli_part *part)
 {
     sb_result result = ndli_step_prepare(s, dt, part->left);
+    s->unmoved = -1;
     if (result == SB_OK)
         result = ndli_step_solve(s, dt, part);
     if (result == SB_OK)
@@ -485,14 +489,24 @@ static int ndli_step_let_go(ndl_needle *needle)
     return 1;
 }
 
-/* Takes needles out that are hardly in, when no step can be made with them: they tear out of the skin. Returns how
- * many; 0: nothing has changed; -1: no memory to take back what has. */
+/* One that is hardly in tears out of the skin. One whose mesh follows may have been left so far beside its path that no
+ * step, however short, brings it there: from then on it would be stuck, also where it is drawn back. */
+static int ndli_step_may_tear(const ndli_stepping *s, int k)
+{
+    const ndl_needle *needle = s->needles[k];
+    if (needle->line.count == 0)
+        return 0;
+    return (double)ndl_needle_depth(needle) < 0.5 * s->site->mean_edge || (k == s->unmoved && !s->site->embeds);
+}
+
+/* Takes needles out when no step can be made with them. Returns how many; 0: nothing has changed; -1: no memory to take
+ * back what has. */
 static int ndli_step_tear_out(const ndli_stepping *s)
 {
     int torn = 0;
     for (int k = 0; k < s->count; k++) {
         ndl_needle *needle = s->needles[k];
-        if (needle->line.count == 0 || !((double)ndl_needle_depth(needle) < 0.5 * s->site->mean_edge))
+        if (!ndli_step_may_tear(s, k))
             continue;
         if (!ndli_step_let_go(needle) || ndli_needle_renew_nodes(needle) >= 0)
             return ndli_needle_undo(s->site, NDLI_KEPT_STEP, s->error) == SB_OK ? 0 : -1;
@@ -564,6 +578,7 @@ NDL_API sb_result ndl_step(sb_body *body, ndl_needle *const *needles, int count,
         result = ndli_step_check(s.site, needles, count, dt, commands, &substeps, error);
     if (result != SB_OK)
         return result;
+    s.unmoved = -1;
     s.needles = needles;
     s.commands = commands;
     s.count = count;
