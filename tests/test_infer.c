@@ -610,16 +610,18 @@ static double error_with(const organ *o, const sb_mesh *part, const reg_curve *c
     return error;
 }
 
-/* A vessel within, of which the course is seen, brings the answer nearer. One that nothing is known of changes no bit;
- * seen from the other end, or with more corners, it does the same. */
+/* A vessel within, of which the course is seen, brings the answer nearer, also where little of the surface is seen (the
+ * last two organs, on which nothing was tuned), and never farther off than the rigid start by more than a tenth. One
+ * that nothing is known of changes no bit; seen from the other end, or with more corners, it does the same. */
 static void test_curves(void)
 {
     double sums[2] = {0, 0}, besides[2] = {0, 0};
-    int organs = check_quick() ? 1 : 3;
+    int organs = check_quick() ? 1 : 5;
     for (int k = 0; k < organs; k++) {
         organ o;
-        if (make_organ(&o, 70 + 9 * (unsigned long long)k, k == 1 ? -0.07 : 0.07, NULL)) {
-            sb_mesh part = part_of(&o, sb_v3(0, 0, 1), 0.45);
+        if (make_organ(&o, (k < 3 ? 70 : 1070) + 9 * (unsigned long long)k, k == 1 ? -0.07 : 0.07, NULL)) {
+            sb_mesh part = part_of(&o, sb_v3(0, 0, 1), k < 3 ? 0.45 : 0.3);
+            reg_rigid start;
             size_t n = (size_t)o.coarse.node_count;
             sb_vec3 model[VESSEL], seen[VESSEL], other[2 * VESSEL - 1];
             sb_vec3 *shapes = (sb_vec3 *)calloc(3 * n, sizeof *shapes);
@@ -642,6 +644,7 @@ static void test_curves(void)
             printf("   %.2f mm without a vessel, %.2f with it, beside it %.2f and %.2f\n", 1e3 * plain, 1e3 * with,
                    1e3 * beside[0], 1e3 * beside[1]);
             CHECK(most < (sizeof(sb_real) == 8 ? 1e-5 : 1e-2) * o.size);
+            CHECK(with < 1.1 * start_of(&o, &part, 1, &start));
             sums[0] += plain;
             sums[1] += with;
             besides[0] += beside[0];
