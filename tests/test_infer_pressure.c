@@ -252,8 +252,15 @@ static double gassed_error(const gassed *g, const sb_real *pressed, reg_quality 
     return sum / g->fine.node_count;
 }
 
+/* Half of the skin, which nothing presses on alike. */
+static void press_elsewhere(gassed *g)
+{
+    for (int i = 0; i < g->coarse.node_count; i++)
+        g->pressed[i] = g->coarse.nodes[i].x > 0 ? 1 : 0;
+}
+
 /* The camera is above, and sees a third of the organ. With the hint errors are smaller on the mean, and no organ's is
- * larger by more than a tenth. */
+ * larger by more than a tenth. A wrong hint does no harm, and is not taken for what acts. */
 static void test_gas(void)
 {
     double sums[2] = {0, 0};
@@ -266,6 +273,10 @@ static void test_gas(void)
             printf("   %.2f mm without the hint, %.2f with it; %s, %s; %.0f of %.0f Pa\n", 1e3 * plain, 1e3 * hinted,
                    reg_prior_string(without.prior), reg_prior_string(with.prior), (double)with.pressure, 80 + 30.0 * k);
             CHECK(hinted < 1.1 * plain);
+            if (k < 2) {
+                press_elsewhere(&g);
+                CHECK(gassed_error(&g, g.pressed, &with) < 1.1 * plain && with.prior != REG_PRIOR_PRESSURE);
+            }
             sums[0] += plain;
             sums[1] += hinted;
         }

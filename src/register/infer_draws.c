@@ -402,11 +402,11 @@ static void regi_infer_summarise(reg_infer *f)
         q->expected_worst = sb_max(q->expected_worst, f->expected[i]);
     }
     q->expected = (sb_real)sum;
-    q->prior = f->quality.prior_margin < 3 ? REG_PRIOR_RIGID
-               : f->choice.pressure > 0    ? REG_PRIOR_PRESSURE
-               : f->choice.gravity > 0     ? REG_PRIOR_GRAVITY
-               : f->choice.is_local        ? REG_PRIOR_LOCAL
-                                           : REG_PRIOR_SMOOTH;
+    q->prior = f->quality.prior_margin < 3       ? REG_PRIOR_RIGID
+               : f->quality.pressure_margin >= 3 ? REG_PRIOR_PRESSURE
+               : f->choice.gravity > 0           ? REG_PRIOR_GRAVITY
+               : f->choice.is_local              ? REG_PRIOR_LOCAL
+                                                 : REG_PRIOR_SMOOTH;
 }
 
 static void regi_infer_warn(reg_infer *f)
