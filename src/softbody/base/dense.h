@@ -1008,12 +1008,10 @@ SB_INLINE void sbi_polar_lane(sb_real (*f)[SB_POLAR_LANES], sb_real (*start)[SB_
         r[i][l] = m.m[i / 3][i % 3];
 }
 
-/* Rotations of SB_POLAR_LANES matrices. f[3 i + j][lane] = F_ij, only read. q[w, x, y, z][lane]: warm starts
- * in, unit quaternions out. r[3 i + j][lane] = R_ij. Fill unused lanes with a copy of a used one (or f = I, q
- * = 1). Each lane's result depends on that lane only, and is what sb_m3_polar gives up to rounding: lanes
- * that are hard, or have not converged after four steps, are handed to it. */
-SB_INLINE void sb_polar_batch(sb_real (*SB_RESTRICT f)[SB_POLAR_LANES], sb_real (*SB_RESTRICT q)[SB_POLAR_LANES],
-                              sb_real (*SB_RESTRICT r)[SB_POLAR_LANES])
+/* sb_polar_batch, for loops that are compiled for several processors. */
+SBI_FORCE_INLINE void sbi_polar_batch(sb_real (*SB_RESTRICT f)[SB_POLAR_LANES],
+                                      sb_real (*SB_RESTRICT q)[SB_POLAR_LANES],
+                                      sb_real (*SB_RESTRICT r)[SB_POLAR_LANES])
 {
     sbi_polar_lanes s;
     int some_hard;
@@ -1040,6 +1038,16 @@ SB_INLINE void sb_polar_batch(sb_real (*SB_RESTRICT f)[SB_POLAR_LANES], sb_real 
     for (int l = 0; some_hard && l < SB_POLAR_LANES; l++)
         if (s.hard[l] > 0)
             sbi_polar_lane(f, s.start, q, r, l);
+}
+
+/* Rotations of SB_POLAR_LANES matrices. f[3 i + j][lane] = F_ij, only read. q[w, x, y, z][lane]: warm starts
+ * in, unit quaternions out. r[3 i + j][lane] = R_ij. Fill unused lanes with a copy of a used one (or f = I, q
+ * = 1). Each lane's result depends on that lane only, and is what sb_m3_polar gives up to rounding: lanes
+ * that are hard, or have not converged after four steps, are handed to it. */
+SB_INLINE void sb_polar_batch(sb_real (*SB_RESTRICT f)[SB_POLAR_LANES], sb_real (*SB_RESTRICT q)[SB_POLAR_LANES],
+                              sb_real (*SB_RESTRICT r)[SB_POLAR_LANES])
+{
+    sbi_polar_batch(f, q, r);
 }
 
 #undef SBI_POLAR_STEPS

@@ -382,7 +382,7 @@ static const sb_real *sbi_batch_moduli_at(const sbi_assembly *assembly, int batc
 }
 
 /* Smallest |cos| of half the angle between the rotations of two points of a tet10, over all cells of a batch. */
-static sb_real sbi_batch_least_cos(const sb_real (*quats)[SB_POLAR_LANES])
+SBI_FORCE_INLINE sb_real sbi_batch_least_cos(const sb_real (*quats)[SB_POLAR_LANES])
 {
     sbi_batch_rows square;
     sb_real least = 1;
@@ -401,15 +401,15 @@ static sb_real sbi_batch_least_cos(const sb_real (*quats)[SB_POLAR_LANES])
 }
 
 /* R sym(R^T F): what corotated stress sees of F when R is not the rotation of F. */
-static sb_mat3 sbi_batch_straighten(sb_mat3 r, sb_mat3 f)
+SBI_FORCE_INLINE sb_mat3 sbi_batch_straighten(sb_mat3 r, sb_mat3 f)
 {
     sb_mat3 b = sb_m3_tmul(r, f);
     return sb_m3_mul(r, sb_m3_scale((sb_real)0.5, sb_m3_add(b, sb_m3_transpose(b))));
 }
 
 /* The same for a point of a batch, in place of F. */
-static void sbi_batch_straighten_point(const sb_real (*SB_RESTRICT r)[SB_POLAR_LANES],
-                                       sb_real (*SB_RESTRICT f)[SB_POLAR_LANES])
+SBI_FORCE_INLINE void sbi_batch_straighten_point(const sb_real (*SB_RESTRICT r)[SB_POLAR_LANES],
+                                                 sb_real (*SB_RESTRICT f)[SB_POLAR_LANES])
 {
     for (int l = 0; l < SB_POLAR_LANES; l++) {
         sb_mat3 a, b;
@@ -455,14 +455,14 @@ static void sbi_batch_fold_fallback(const sbi_assembly *assembly, int batch, con
 
 /* Rotations r[9 p + k] of the points of a tet10 batch at u, where the gradients are f[9 p + k]; the stress needs these
  * as they are afterwards. */
-static void sbi_batch_rotate_points(sbi_assembly *assembly, int batch, const sb_vec3 *u, sb_real (*f)[SB_POLAR_LANES],
-                                    sb_real (*r)[SB_POLAR_LANES])
+SBI_FORCE_INLINE void sbi_batch_rotate_points(sbi_assembly *assembly, int batch, const sb_vec3 *u,
+                                              sb_real (*f)[SB_POLAR_LANES], sb_real (*r)[SB_POLAR_LANES])
 {
     const sb_real may_be_twisted = (sb_real)0.51; /* sbi_assembly_fold_fallback decides, at 0.5 */
     sbi_batch_rows quats[16];
     for (int p = 0; p < 4; p++) {
         sbi_batch_load_quats(assembly, batch, p, 4, quats + 4 * p);
-        sb_polar_batch(f + 9 * p, quats + 4 * p, r + 9 * p);
+        sbi_polar_batch(f + 9 * p, quats + 4 * p, r + 9 * p);
     }
     if (assembly->fold_fallback && sbi_batch_least_cos(SBI_BATCH_ROWS(quats)) < may_be_twisted)
         sbi_batch_fold_fallback(assembly, batch, u, f, quats, r);
@@ -471,9 +471,10 @@ static void sbi_batch_rotate_points(sbi_assembly *assembly, int batch, const sb_
 }
 
 /* sums[4] += moment and stiffness of one point with the stress w P, as sbi_assembly_turning_stress takes them. */
-static void sbi_batch_add_moment(const sb_real *SB_RESTRICT mu, const sb_real (*SB_RESTRICT p)[SB_POLAR_LANES],
-                                 const sb_real (*SB_RESTRICT f)[SB_POLAR_LANES],
-                                 sb_real (*SB_RESTRICT sums)[SB_POLAR_LANES])
+SBI_FORCE_INLINE void sbi_batch_add_moment(const sb_real *SB_RESTRICT mu,
+                                           const sb_real (*SB_RESTRICT p)[SB_POLAR_LANES],
+                                           const sb_real (*SB_RESTRICT f)[SB_POLAR_LANES],
+                                           sb_real (*SB_RESTRICT sums)[SB_POLAR_LANES])
 {
     for (int k = 0; k < 3; k++) {
         int i = 3 * ((k + 1) % 3), j = 3 * ((k + 2) % 3);
@@ -486,8 +487,8 @@ static void sbi_batch_add_moment(const sb_real *SB_RESTRICT mu, const sb_real (*
 }
 
 /* Mean of the deformation gradients of a tet10 batch, by the points' w mu. */
-static void sbi_batch_mean(const sbi_assembly *assembly, int batch, const sb_real (*f)[SB_POLAR_LANES],
-                           sb_real (*mean)[SB_POLAR_LANES])
+SBI_FORCE_INLINE void sbi_batch_mean(const sbi_assembly *assembly, int batch, const sb_real (*f)[SB_POLAR_LANES],
+                                     sb_real (*mean)[SB_POLAR_LANES])
 {
     sbi_batch_rows sum;
     memset(sum, 0, sizeof sum);
@@ -506,8 +507,8 @@ static void sbi_batch_mean(const sbi_assembly *assembly, int batch, const sb_rea
 }
 
 /* sbi_assembly_turning_stress over w mu of the cell, in place of the mean gradient; 0 where that is 0. */
-static void sbi_batch_turning_stress(const sb_real (*r)[SB_POLAR_LANES], const sb_real (*moment)[SB_POLAR_LANES],
-                                     sb_real (*mean)[SB_POLAR_LANES])
+SBI_FORCE_INLINE void sbi_batch_turning_stress(const sb_real (*r)[SB_POLAR_LANES],
+                                               const sb_real (*moment)[SB_POLAR_LANES], sb_real (*mean)[SB_POLAR_LANES])
 {
     for (int l = 0; l < SB_POLAR_LANES; l++) {
         sb_mat3 turn, f, s;
@@ -523,13 +524,13 @@ static void sbi_batch_turning_stress(const sb_real (*r)[SB_POLAR_LANES], const s
 }
 
 /* Forces out[27] of a tet10 batch with one rotation per cell, that of its mean deformation gradient. */
-static void sbi_batch_force_single(sbi_assembly *assembly, int batch, const sb_real (*f)[SB_POLAR_LANES],
-                                   sb_real (*out)[SB_POLAR_LANES])
+SBI_FORCE_INLINE void sbi_batch_force_single(sbi_assembly *assembly, int batch, const sb_real (*f)[SB_POLAR_LANES],
+                                             sb_real (*out)[SB_POLAR_LANES])
 {
     sbi_batch_rows quats[4], mean[9], r[9], moment[4], stress[36];
     sbi_batch_mean(assembly, batch, f, mean);
     sbi_batch_load_quats(assembly, batch, 0, 4, quats);
-    sb_polar_batch(mean, quats, r);
+    sbi_polar_batch(mean, quats, r);
     memset(moment, 0, sizeof moment);
     memcpy(stress, f, sizeof stress);
     for (int p = 0; p < 4; p++) {
@@ -551,7 +552,7 @@ static void sbi_batch_force_single(sbi_assembly *assembly, int batch, const sb_r
     }
 }
 
-static void sbi_batch_force_tet10(sbi_assembly *assembly, const sb_vec3 *u, sb_vec3 *force, int batch)
+SBI_FORCE_INLINE void sbi_batch_force_tet10_lanes(int batch, sbi_assembly *assembly, const sb_vec3 *u, sb_vec3 *force)
 {
     sbi_batch_rows d[27], f[36], r[36];
     sbi_batch_gather(assembly->domain, batch, u, 10, d);
@@ -573,6 +574,8 @@ static void sbi_batch_force_tet10(sbi_assembly *assembly, const sb_vec3 *u, sb_v
     }
     sbi_batch_scatter(assembly->domain, batch, SBI_BATCH_ROWS(d), 10, force);
 }
+SBI_WIDEN(sbi_batch_force_tet10, (int batch, sbi_assembly *assembly, const sb_vec3 *u, sb_vec3 *force),
+          (batch, assembly, u, force))
 
 /* Cells of one point; d: [3 (n - 1)] to work in. */
 SBI_FORCE_INLINE void sbi_batch_force_point(sbi_assembly *assembly, const sb_vec3 *u, sb_vec3 *force, int batch,
@@ -583,33 +586,37 @@ SBI_FORCE_INLINE void sbi_batch_force_point(sbi_assembly *assembly, const sb_vec
     sbi_batch_rows f[9], r[9];
     sbi_batch_gather(assembly->domain, batch, u, n, d);
     sbi_batch_deformation(SBI_BATCH_ROWS(d), SBI_BATCH_ROWS(g), n, 1, f);
-    sb_polar_batch(f, (sb_real(*)[SB_POLAR_LANES])(assembly->batch_quats + (size_t)batch * 4 * SB_POLAR_LANES), r);
+    sbi_polar_batch(f, (sb_real(*)[SB_POLAR_LANES])(assembly->batch_quats + (size_t)batch * 4 * SB_POLAR_LANES), r);
     sbi_batch_stress(SBI_BATCH_ROWS(r), moduli, moduli + SB_POLAR_LANES, f);
     sbi_batch_apply(SBI_BATCH_ROWS(f), SBI_BATCH_ROWS(g), n, 0, d);
     sbi_batch_scatter(assembly->domain, batch, SBI_BATCH_ROWS(d), n, force);
 }
 
-static void sbi_batch_force_tet4(sbi_assembly *assembly, const sb_vec3 *u, sb_vec3 *force, int batch)
+SBI_FORCE_INLINE void sbi_batch_force_tet4_lanes(int batch, sbi_assembly *assembly, const sb_vec3 *u, sb_vec3 *force)
 {
     sbi_batch_rows d[9];
     sbi_batch_force_point(assembly, u, force, batch, 4, d);
 }
+SBI_WIDEN(sbi_batch_force_tet4, (int batch, sbi_assembly *assembly, const sb_vec3 *u, sb_vec3 *force),
+          (batch, assembly, u, force))
 
-static void sbi_batch_force_cloud(sbi_assembly *assembly, const sb_vec3 *u, sb_vec3 *force, int batch)
+SBI_FORCE_INLINE void sbi_batch_force_cloud_lanes(int batch, sbi_assembly *assembly, const sb_vec3 *u, sb_vec3 *force)
 {
     sbi_batch_rows d[3 * (SB_MAX_ELEMENT_NODES - 1)];
     sbi_batch_force_point(assembly, u, force, batch, assembly->domain->nodes_per_cell, d);
 }
+SBI_WIDEN(sbi_batch_force_cloud, (int batch, sbi_assembly *assembly, const sb_vec3 *u, sb_vec3 *force),
+          (batch, assembly, u, force))
 
 SBI_API void sbi_batch_force(sbi_assembly *assembly, const sb_vec3 *u, sb_vec3 *force, int begin, int end)
 {
     for (int batch = begin / SB_POLAR_LANES; batch * SB_POLAR_LANES < end; batch++)
         if (sbi_batch_is_tet4(assembly))
-            sbi_batch_force_tet4(assembly, u, force, batch);
+            sbi_batch_force_tet4(batch, assembly, u, force);
         else if (sbi_batch_is_cloud(assembly))
-            sbi_batch_force_cloud(assembly, u, force, batch);
+            sbi_batch_force_cloud(batch, assembly, u, force);
         else
-            sbi_batch_force_tet10(assembly, u, force, batch);
+            sbi_batch_force_tet10(batch, assembly, u, force);
 }
 
 /* ---- product without a matrix ---- */
@@ -697,7 +704,8 @@ SBI_FORCE_INLINE void sbi_batch_multiply_cells(const sbi_assembly *assembly, con
     sbi_batch_scatter(assembly->domain, batch, SBI_BATCH_ROWS(sum), n, y);
 }
 
-static void sbi_batch_multiply_tets(const sbi_assembly *assembly, const sb_vec3 *x, sb_vec3 *y, int batch)
+SBI_FORCE_INLINE void sbi_batch_multiply_tets_lanes(int batch, const sbi_assembly *assembly, const sb_vec3 *x,
+                                                    sb_vec3 *y)
 {
     sbi_batch_rows d[27], sum[27];
     if (sbi_batch_is_tet4(assembly))
@@ -705,20 +713,25 @@ static void sbi_batch_multiply_tets(const sbi_assembly *assembly, const sb_vec3 
     else
         sbi_batch_multiply_cells(assembly, x, y, batch, 10, 4, d, sum);
 }
+SBI_WIDEN(sbi_batch_multiply_tets, (int batch, const sbi_assembly *assembly, const sb_vec3 *x, sb_vec3 *y),
+          (batch, assembly, x, y))
 
-static void sbi_batch_multiply_clouds(const sbi_assembly *assembly, const sb_vec3 *x, sb_vec3 *y, int batch)
+SBI_FORCE_INLINE void sbi_batch_multiply_clouds_lanes(int batch, const sbi_assembly *assembly, const sb_vec3 *x,
+                                                      sb_vec3 *y)
 {
     sbi_batch_rows d[3 * (SB_MAX_ELEMENT_NODES - 1)], sum[3 * (SB_MAX_ELEMENT_NODES - 1)];
     sbi_batch_multiply_cells(assembly, x, y, batch, assembly->domain->nodes_per_cell, 1, d, sum);
 }
+SBI_WIDEN(sbi_batch_multiply_clouds, (int batch, const sbi_assembly *assembly, const sb_vec3 *x, sb_vec3 *y),
+          (batch, assembly, x, y))
 
 SBI_API void sbi_batch_multiply(const sbi_assembly *assembly, const sb_vec3 *x, sb_vec3 *y, int begin, int end)
 {
     for (int batch = begin / SB_POLAR_LANES; batch * SB_POLAR_LANES < end; batch++)
         if (sbi_batch_is_cloud(assembly))
-            sbi_batch_multiply_clouds(assembly, x, y, batch);
+            sbi_batch_multiply_clouds(batch, assembly, x, y);
         else
-            sbi_batch_multiply_tets(assembly, x, y, batch);
+            sbi_batch_multiply_tets(batch, assembly, x, y);
 }
 
 /* ---- force and product at once ---- */
@@ -735,8 +748,8 @@ SBI_FORCE_INLINE void sbi_batch_add_change(const sb_real (*SB_RESTRICT r)[SB_POL
 }
 
 /* Of tet4: what both need of a cell is read once, and their stresses are one before they become forces. */
-static void sbi_batch_force_along_tet4(sbi_assembly *assembly, const sb_vec3 *u, const sb_vec3 *x, int turned,
-                                       sb_vec3 *force, int batch)
+SBI_FORCE_INLINE void sbi_batch_force_along_tet4_lanes(int batch, sbi_assembly *assembly, const sb_vec3 *u,
+                                                       const sb_vec3 *x, int turned, sb_vec3 *force)
 {
     sb_real *g = sbi_batch_gradients_at(assembly, batch, 0, 4, 1);
     sb_real *quats = assembly->batch_quats + (size_t)batch * 4 * SB_POLAR_LANES;
@@ -747,7 +760,7 @@ static void sbi_batch_force_along_tet4(sbi_assembly *assembly, const sb_vec3 *u,
     if (turned)
         sbi_batch_rotations(assembly, batch, 0, 1, r);
     else
-        sb_polar_batch(f, (sb_real(*)[SB_POLAR_LANES])quats, r);
+        sbi_polar_batch(f, (sb_real(*)[SB_POLAR_LANES])quats, r);
     if (x) {
         sbi_batch_gather(assembly->domain, batch, x, 4, d);
         sbi_batch_deformation(SBI_BATCH_ROWS(d), SBI_BATCH_ROWS(g), 4, 0, change);
@@ -759,12 +772,15 @@ static void sbi_batch_force_along_tet4(sbi_assembly *assembly, const sb_vec3 *u,
     sbi_batch_apply(SBI_BATCH_ROWS(f), SBI_BATCH_ROWS(g), 4, 0, d);
     sbi_batch_scatter(assembly->domain, batch, SBI_BATCH_ROWS(d), 4, force);
 }
+SBI_WIDEN(sbi_batch_force_along_tet4,
+          (int batch, sbi_assembly *assembly, const sb_vec3 *u, const sb_vec3 *x, int turned, sb_vec3 *force),
+          (batch, assembly, u, x, turned, force))
 
 SBI_API void sbi_batch_force_along(sbi_assembly *assembly, const sb_vec3 *u, const sb_vec3 *x, int turned,
                                    sb_vec3 *force, int begin, int end)
 {
     for (int batch = begin / SB_POLAR_LANES; batch * SB_POLAR_LANES < end; batch++)
-        sbi_batch_force_along_tet4(assembly, u, x, turned, force, batch);
+        sbi_batch_force_along_tet4(batch, assembly, u, x, turned, force);
 }
 
 /* ---- work without a matrix ---- */
@@ -793,21 +809,28 @@ SBI_FORCE_INLINE void sbi_batch_work_change(const sb_real (*SB_RESTRICT r)[SB_PO
     }
 }
 
+/* Of the cells of a batch: lanes beyond the last cell repeat it. */
+SBI_FORCE_INLINE void sbi_batch_work_tet4_lanes(int batch, const sbi_assembly *assembly, const sb_vec3 *x,
+                                                sb_real *work)
+{
+    const sb_real *moduli = sbi_batch_moduli_at(assembly, batch, 0, 1);
+    sb_real *g = sbi_batch_gradients_at(assembly, batch, 0, 4, 1);
+    sbi_batch_rows d[9], f[9], r[9];
+    sbi_batch_gather(assembly->domain, batch, x, 4, d);
+    sbi_batch_rotations(assembly, batch, 0, 1, r);
+    sbi_batch_deformation(SBI_BATCH_ROWS(d), SBI_BATCH_ROWS(g), 4, 0, f);
+    sbi_batch_work_change(SBI_BATCH_ROWS(r), moduli, moduli + SB_POLAR_LANES, SBI_BATCH_ROWS(f), work);
+}
+SBI_WIDEN(sbi_batch_work_tet4, (int batch, const sbi_assembly *assembly, const sb_vec3 *x, sb_real *work),
+          (batch, assembly, x, work))
+
 SBI_API sb_real sbi_batch_work(const sbi_assembly *assembly, const sb_vec3 *x, int begin, int end)
 {
-    const int n = 4;
-    sb_real sum = 0;
+    sb_real sum = 0, work[SB_POLAR_LANES];
     for (int first = begin; first < end; first += SB_POLAR_LANES) {
-        int batch = first / SB_POLAR_LANES, count = sbi_min_int(SB_POLAR_LANES, end - first);
-        const sb_real *moduli = sbi_batch_moduli_at(assembly, batch, 0, 1);
-        sb_real *g = sbi_batch_gradients_at(assembly, batch, 0, n, 1);
-        sbi_batch_rows d[9], f[9], r[9];
-        sb_real work[SB_POLAR_LANES];
-        sbi_batch_gather(assembly->domain, batch, x, n, d);
-        sbi_batch_rotations(assembly, batch, 0, 1, r);
-        sbi_batch_deformation(SBI_BATCH_ROWS(d), SBI_BATCH_ROWS(g), n, 0, f);
-        sbi_batch_work_change(SBI_BATCH_ROWS(r), moduli, moduli + SB_POLAR_LANES, SBI_BATCH_ROWS(f), work);
-        for (int l = 0; l < count; l++) /* lanes beyond the last cell repeat it */
+        int count = sbi_min_int(SB_POLAR_LANES, end - first);
+        sbi_batch_work_tet4(first / SB_POLAR_LANES, assembly, x, work);
+        for (int l = 0; l < count; l++)
             sum += sbi_domain_is_free(assembly->domain, first + l) ? 0 : work[l];
     }
     return sum;
@@ -887,6 +910,18 @@ typedef struct sbi_batch_job {
     sb_real factor;
 } sbi_batch_job;
 
+SBI_FORCE_INLINE void sbi_batch_rotate_cells_lanes(int batch, const sbi_assembly *assembly, const sb_real *factors)
+{
+    if (sbi_batch_is_tet4(assembly))
+        sbi_batch_rotate(assembly, factors, batch, 4, 1);
+    else if (sbi_batch_is_cloud(assembly))
+        sbi_batch_rotate(assembly, factors, batch, assembly->domain->nodes_per_cell, 1);
+    else
+        sbi_batch_rotate(assembly, factors, batch, 10, 4);
+}
+SBI_WIDEN(sbi_batch_rotate_cells, (int batch, const sbi_assembly *assembly, const sb_real *factors),
+          (batch, assembly, factors))
+
 static void sbi_batch_rotate_chunk(void *user, int chunk)
 {
     const sb_real *factors = ((const sbi_batch_job *)user)->factors;
@@ -894,12 +929,7 @@ static void sbi_batch_rotate_chunk(void *user, int chunk)
     int batch = chunk * (assembly->chunk_size / SB_POLAR_LANES);
     int end = sbi_min_int(batch + assembly->chunk_size / SB_POLAR_LANES, (int)sbi_batch_count(assembly->domain));
     for (; batch < end; batch++)
-        if (sbi_batch_is_tet4(assembly))
-            sbi_batch_rotate(assembly, factors, batch, 4, 1);
-        else if (sbi_batch_is_cloud(assembly))
-            sbi_batch_rotate(assembly, factors, batch, assembly->domain->nodes_per_cell, 1);
-        else
-            sbi_batch_rotate(assembly, factors, batch, 10, 4);
+        sbi_batch_rotate_cells(batch, assembly, factors);
 }
 
 /* ---- tangent: rows ---- */
