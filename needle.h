@@ -15861,7 +15861,7 @@ static double ndli_step_share_to_edge(const ndli_stepping *s, double dt)
  * equations, which fold a rod, or for the tissue is taken again a fourth as long; what follows it grows again. */
 enum { NDLI_STEP_EDGES = 12, NDLI_FINEST = 64 };
 typedef struct ndli_step_ends {
-    double edges[NDLI_STEP_EDGES]; /* where tips come to edges of membranes */
+    double edge; /* where the first tip comes to an edge of a membrane, as the last try has shown */
     int edge_count, substeps;
     int finer;     /* substeps end at multiples of 1/finer: a power of 4 up to NDLI_FINEST */
     int last_hope; /* 1: the shortest one failed; it is tried as a whole once more, and waited for */
@@ -15871,10 +15871,7 @@ typedef struct ndli_step_ends {
 static double ndli_step_end_after(const ndli_step_ends *ends, double t)
 {
     double finer = ends->finer, next = (floor(t * finer) + 1) / finer;
-    for (int i = 0; i < ends->edge_count; i++)
-        if (ends->edges[i] > t)
-            next = fmin(next, ends->edges[i]);
-    return next;
+    return ends->edge > t ? fmin(next, ends->edge) : next;
 }
 
 static ndli_part ndli_step_part(const ndli_step_ends *ends, double t, double end)
@@ -15964,7 +15961,8 @@ static sb_result ndli_step_try_substep(ndli_stepping *s, double dt, ndli_step_en
             share = ndli_step_share_to_edge(s, length);
         if (result != SB_OK || !(share < 1))
             break;
-        ends->edges[ends->edge_count++] = t + share * (*end - t);
+        ends->edge = t + share * (*end - t);
+        ends->edge_count++;
         ndli_step_forget(s->info, &before);
         result = ndli_needle_undo(s->site, kept, s->error);
     }
