@@ -26,8 +26,7 @@
  * Shafts do not touch the tissue's skin from outside, needles do not touch each other, and a tip that reaches the far
  * side of the tissue is stopped there, but for where that was burnt away.
  *
- * Within the first edge below curved skin single steps may have forces at the base that no tissue makes: see
- * ndl_needle_def.entry_slip for figures. With NDL_REMESH needles go into bodies of SB_TET4 only
+ * With NDL_REMESH needles go into bodies of SB_TET4 only
  * (SB_ERROR_UNSUPPORTED otherwise); all bodies with needles take implicit steps. What is embedded in a body follows the
  * changes that needles make where it is asked to (sb_embedding_follow).
  *
@@ -1191,7 +1190,8 @@ typedef sb_real (*ndl_cutting)(void *user, sb_vec3 X, int region);
  * Which to take: NDL_EMBED, the default, wherever forces, bends or places matter, in soft tissue above all, in other
  * elements than tet4, in cut bodies, for needles close together. NDL_REMESH (what Chentanez 2010 has) where nodes are
  * wanted on the needle's line, or steps have to be cheap: it takes 0.6 times the time in a gel phantom of 24 x 24 x 3
- * cells, but 1 to 2.5 % of its insertions into curved skin have a step above 5 N, and nearly along the skin needles may
+ * cells. Of 200 needles into random ellipsoids none felt 0.05 N more than friction and cutting in any step; tissue that
+ * is held is rigid, and a stiff wire with a bevel in it may feel several newtons. Nearly along the skin needles may
  * tear out (ndl_step_info.torn): of 60 wires of 1.8 mm at 63 to 86 degrees from its normal, in 14 kPa, 6 did so, with
  * NDL_EMBED none. Markers of that phantom are off those of a finer mesh by 0.107 mm with NDL_REMESH, 0.022 with
  * NDL_EMBED (RMS; needle_phantom); lateral stiffness changes 1.9 times over edges from 17 to 7 mm with NDL_REMESH; in
@@ -1249,12 +1249,11 @@ typedef struct ndl_needle_def {
     ndl_cutting cutting; /* default NULL: by the tables */
     void *cutting_user;
     sb_real entry_slip; /* where the skin is not flat the entry may be put on a node or edge of it, this share of the
-                         * face's longest edge away at most (see ndl_remesh_def), and the shaft is drawn there in
-                         * one step. In [0, 0.25]: from farther off that alone gives up to thousands of newtons.
+                         * face's longest edge away at most (see ndl_remesh_def). In [0, 0.25].
                          * Default 0.25; 0: the entry stays where the needle met the skin, with flatter tets about
-                         * it. Either way single steps within the first edge below curved skin may have forces that
-                         * no tissue makes: of 200 needles in ellipsoids, with 0.3 N to cut, the most was
-                         * over 5 N for 5 with 0.25 (325 N once) and for 2 with 0 (14 N once) */
+                         * it. Either way the shaft stays where it is, and goes with the entry at that distance: of
+                         * 200 needles in ellipsoids, with 0.3 N to cut, the most was 0.55 N with 0.25, 0.45 N with
+                         * 0 */
     int max_trials;     /* linear systems per Newton iteration with different states of friction, >= 1; default 10. The
                          * largest of all needles' holds */
     sb_allocator allocator; /* default malloc */
@@ -12682,14 +12681,21 @@ struct ndl_needle {
     ndli_v3 aside;       /* m in the material: of a shallow tip, how far its way has bent from the straight one */
     double wave;         /* m: length of the bends that the tissue makes of the shaft */
     ndli_v3 base_force, base_torque; /* N, N m about the outlet */
-    int shallow;             /* 1: the tip is in the tissue, but less than about half an edge: only its entry has a node
-                              * there. Tets between such a tip and the skin would be flat */
-    int *path;               /* [capacity] tissue nodes of rod nodes line.first .. */
-    double radius;           /* m */
-    ndli_track track;        /* of a needle that is held by rows, as what follows */
-    int lost;                /* an ndli_lost */
-    double entering;         /* m of the edge before its first node in the tissue that are in it */
-    double *arc;             /* [capacity] m at rest: where on it nodes in the tissue are */
+    int shallow;      /* 1: the tip is in the tissue, but less than about half an edge: only its entry has a node
+                       * there. Tets between such a tip and the skin would be flat */
+    int *path;        /* [capacity] tissue nodes of rod nodes line.first .. */
+    ndli_v3 *gap;     /* [capacity] m: how far rod nodes are from these, with which they move: the mesh may not be
+                       * able to have a node where the needle is, and a shaft that were drawn to it would make
+                       * forces that no tissue makes */
+    int enters;       /* in the present substep 1: its entry is new */
+    int sinks;        /* and 1: its nodes below it are */
+    int reaches;      /* and 1: its tip's node has come to where the tip is */
+    ndli_v3 landing;  /* m: where the tip of one that sinks is in space */
+    double radius;    /* m */
+    ndli_track track; /* of a needle that is held by rows, as what follows */
+    int lost;         /* an ndli_lost */
+    double entering;  /* m of the edge before its first node in the tissue that are in it */
+    double *arc;      /* [capacity] m at rest: where on it nodes in the tissue are */
     struct ndli_hold *holds; /* [capacity] the line's */
     double *stretch;         /* [capacity] of the tissue along it there, in the present substep */
     int pushed;              /* 1: the present substep's command takes the needle forward */
@@ -12701,7 +12707,10 @@ struct ndl_needle {
     ndli_v3 *places, *place_tangents; /* [capacity] new nodes of the rod */
     ndli_v3 *old_contact;             /* [capacity] */
     int *old_path;                    /* [capacity] */
-    unsigned char *old_state;         /* [capacity] */
+    ndli_v3 *old_gap;                 /* [capacity] */
+    sb_vec3 *old_X;           /* [capacity] m: of the path's nodes before the mesh followed the tip, once it has */
+    int follows;              /* 1: it has */
+    unsigned char *old_state; /* [capacity] */
     void *memory;
 };
 
@@ -13220,7 +13229,7 @@ NDL_API int ndl_needle_tip_material(const ndl_needle *needle, sb_vec3 *X)
 
 /* By its name it comes behind the remesher's, which it is checked against. */
 static const char ndli_needle_name[] = "needles";
-enum { NDLI_NEEDLE_VERSION = 3 };
+enum { NDLI_NEEDLE_VERSION = 4 };
 
 /* ---- the image ---- */
 
@@ -13339,6 +13348,7 @@ static void ndli_needle_walk(ndl_needle *needle, const ndli_needle_head *h, ndli
     ndli_image_part(image, needle->line.contact + rearmost, states, sizeof(ndli_v3));
     if (!needle->site->embeds) {
         ndli_image_part(image, needle->path, nodes, sizeof(int));
+        ndli_image_part(image, needle->gap + h->first, nodes, sizeof(ndli_v3));
         return;
     }
     ndli_image_part(image, needle->arc + h->first, nodes, sizeof(double));
@@ -13414,7 +13424,15 @@ static sb_result ndli_needle_check_head(const ndl_needle *needle, const ndli_nee
     return SB_OK;
 }
 
-/* The rod is on nodes of the remesher's path, in their order. */
+static int ndli_image_is_number(const unsigned char *reals, size_t count)
+{
+    int good = 1;
+    for (size_t i = 0; i < count; i++)
+        good &= ndli_is_finite(ndli_image_real(reals, i));
+    return good;
+}
+
+/* The rod is on nodes of the remesher's path, in their order, or at numbers beside them. */
 static int ndli_needle_path_holds(const ndl_needle *needle, const unsigned char *path, int count)
 {
     int there, at = 0;
@@ -13426,15 +13444,7 @@ static int ndli_needle_path_holds(const ndl_needle *needle, const unsigned char 
         if (at++ == there)
             return 0;
     }
-    return 1;
-}
-
-static int ndli_image_is_number(const unsigned char *reals, size_t count)
-{
-    int good = 1;
-    for (size_t i = 0; i < count; i++)
-        good &= ndli_is_finite(ndli_image_real(reals, i));
-    return good;
+    return ndli_image_is_number(path + ndli_image_room((size_t)count * sizeof(int)), 3 * (size_t)count);
 }
 
 /* Reals that rise from one to the next; *last is the last of them. */
@@ -14925,6 +14935,7 @@ static void ndli_tip_begin(ndl_needle *needle)
     int count;
     const int *path = ndl_remesh_nodes(needle->site->remesh, needle->index, &count);
     needle->aside = ndli_v(0, 0, 0);
+    needle->enters = 1;
     if (count > 0)
         needle->heading = ndli_tip_straight(needle, path[0]);
 }
@@ -15030,6 +15041,14 @@ static sb_result ndli_tip_sink(ndl_needle *needle, double depth, sb_vec3 X, ndl_
     return result;
 }
 
+/* Where the tip is to get nodes of its own: about the entry its bend was measured. */
+static void ndli_tip_land(ndl_needle *needle, int entry)
+{
+    sb_mat3 f = ndli_tip_gradient(needle->site->mesh, entry);
+    needle->sinks = 1;
+    needle->landing = ndli_add(needle->rod->x[needle->rod->node_count - 1], ndli_tip_mapped(&f, needle->aside));
+}
+
 /* The tip of a shallow needle: it goes on without the mesh, gets a node when it is deep enough, or leaves. */
 static sb_result ndli_tip_cut_shallow(ndl_needle *needle, ndl_remesh_info *done, sb_error *error)
 {
@@ -15037,7 +15056,8 @@ static sb_result ndli_tip_cut_shallow(ndl_needle *needle, ndl_remesh_info *done,
     const ndli_topology *mesh = needle->site->mesh;
     const ndl_rod *rod = needle->rod;
     int last = rod->node_count - 1, entry = needle->path[0];
-    double depth = ndli_dot(ndli_sub(rod->x[last], ndli_from(mesh->x[entry])), rod->tangent[last - 1]);
+    ndli_v3 from = ndli_add(ndli_from(mesh->x[entry]), needle->gap[needle->line.first]);
+    double depth = ndli_dot(ndli_sub(rod->x[last], from), rod->tangent[last - 1]);
     ndl_remesh_info sunk;
     sb_vec3 X;
     sb_error own;
@@ -15049,6 +15069,7 @@ static sb_result ndli_tip_cut_shallow(ndl_needle *needle, ndl_remesh_info *done,
     if (depth < ndli_tip_deep(needle) || needle->hold_steps > 0)
         return SB_OK;
     ndl_remesh_material_point(remesh, needle->index, ndli_to(rod->x[last]), &X);
+    ndli_tip_land(needle, entry);
     X = sb_v3_add(X, ndli_to(needle->aside));
     result = ndli_tip_sink(needle, depth, X, &sunk);
     if (result == SB_ERROR_MESH && depth < 2 * ndli_tip_deep(needle))
@@ -15060,6 +15081,7 @@ static sb_result ndli_tip_cut_shallow(ndl_needle *needle, ndl_remesh_info *done,
     done->candidates += sunk.candidates;
     done->smoothed += sunk.smoothed;
     done->released += sunk.released;
+    needle->reaches = result == SB_OK && !done->outside;
     if (result != SB_OK) /* the first operations may have been done */
         ndli_tip_take_heading(needle);
     return ndli_tip_judge(needle, result, &own, error);
@@ -15103,6 +15125,7 @@ static sb_result ndli_tip_draw_back(ndl_needle *needle, sb_vec3 X, int inside, n
     ndl_remesh *remesh = needle->site->remesh;
     sb_result result = ndl_remesh_retract(remesh, needle->index, X, done, NULL);
     needle->hold_steps = 0;
+    needle->reaches = result == SB_OK;
     needle->blocked = result != SB_OK && inside;
     if (result != SB_OK && !inside)
         return ndl_remesh_withdraw(remesh, needle->index, done, error);
@@ -15126,12 +15149,17 @@ static sb_result ndli_tip_cut_deep(ndl_needle *needle, ndl_remesh_info *done, sb
     result = ndl_remesh_penetrate(remesh, needle->index, X, done, &own);
     if (result == SB_OK && done->outside)
         result = sbi_fail(&own, SB_ERROR_MESH, "the tip would leave the tissue");
+    needle->reaches = result == SB_OK;
     return ndli_tip_judge(needle, result, &own, error);
 }
 
 NDLI_API sb_result ndli_needle_follow_tip(ndl_needle *needle, ndl_remesh_info *done, sb_error *error)
 {
     needle->advance = 0;
+    needle->enters = needle->sinks = needle->reaches = 0;
+    needle->follows = 1;
+    for (int k = 0; k < needle->line.count; k++)
+        needle->old_X[k] = needle->site->mesh->X[needle->path[k]];
     if (needle->line.count == 0)
         return ndli_tip_enter(needle, done, error);
     needle->advance = needle->line.slip[ndli_line_foremost(&needle->line)];
@@ -15219,12 +15247,22 @@ static double ndli_nodes_tail(const ndl_needle *needle, ndli_v3 entry)
 }
 static double ndli_nodes_least_tail(const ndl_needle *needle) { return 0.02 * needle->site->mean_edge; }
 
-/* Where the tip is when its entry has just been put aside (ndl_needle_def.entry_slip): as far aside. A short last edge
- * that went across the needle would turn the way it slips along, and the stretch of the shaft that was drawn aside
- * could not slip off: on curved skin that was over 100 N in the first step of one entry in six. */
-static ndli_v3 ndli_nodes_first_tip(const ndl_needle *needle, ndli_v3 entry)
+/* The place on the rod that is nearest to x. */
+static ndli_v3 ndli_nodes_on_rod(const ndl_rod *rod, ndli_v3 x)
 {
-    return ndli_madd(entry, ndli_nodes_tail(needle, entry), needle->rod->tangent[needle->rod->node_count - 2]);
+    ndli_v3 best = rod->x[1];
+    double least = ndli_norm(ndli_sub(x, best));
+    for (int j = 1; j + 1 < rod->node_count; j++) {
+        ndli_v3 edge = ndli_sub(rod->x[j + 1], rod->x[j]), place;
+        double along = ndli_dot(ndli_sub(x, rod->x[j]), edge) / ndli_dot(edge, edge), far;
+        place = ndli_madd(rod->x[j], fmin(fmax(along, 0), 1), edge);
+        far = ndli_norm(ndli_sub(x, place));
+        if (far < least) {
+            least = far;
+            best = place;
+        }
+    }
+    return best;
 }
 
 /* ---- what belongs to coupled nodes ---- */
@@ -15263,6 +15301,41 @@ static void ndli_nodes_carry(ndl_needle *needle, int old_first, int old_count, i
     line->contact[first + k] = same >= 0 ? needle->old_contact[same] : ndli_v(0, 0, 0);
 }
 
+/* Whether node k of the path, which was its node `old`, is somewhere else in the material since the mesh has followed
+ * the tip; new ones are. */
+static int ndli_nodes_has_moved(const ndl_needle *needle, int old, int k)
+{
+    if (!needle->follows)
+        return 0;
+    return old < 0 || sb_v3_norm(sb_v3_sub(needle->old_X[old], needle->site->mesh->X[needle->path[k]])) > 0;
+}
+
+/* From x to a place on the needle; 0 where that is near: there the shaft is drawn to the node. In shares of an edge. */
+static const double ndli_nodes_least_gap = 0.01;
+static ndli_v3 ndli_nodes_gap_to(const ndl_needle *needle, ndli_v3 x, ndli_v3 place)
+{
+    ndli_v3 gap = ndli_sub(place, x);
+    return ndli_norm(gap) > ndli_nodes_least_gap * needle->site->mean_edge ? gap : ndli_v(0, 0, 0);
+}
+
+/* How far node k of the path, which is at x, is from the rod's. An entry that the mesh has where the needle did not
+ * come in, or nodes below it that could not be put where the shaft is, do not draw the shaft to them: on curved skin
+ * that was up to hundreds of newtons. Later the tip's node comes to the tip. */
+static ndli_v3 ndli_nodes_gap(const ndl_needle *needle, int old_first, int old_count, int k, int count, ndli_v3 x,
+                              ndli_v3 before)
+{
+    int is_tip = k > 0 && k == count - 1, same = ndli_nodes_same(needle, old_first, old_count, k, 0);
+    if (is_tip && needle->reaches)
+        return ndli_v(0, 0, 0);
+    if (is_tip && needle->sinks)
+        return ndli_nodes_gap_to(needle, x, needle->landing);
+    if (k == 0 && needle->enters)
+        return ndli_nodes_gap_to(needle, x, ndli_nodes_on_rod(needle->rod, x));
+    if (needle->sinks || (!is_tip && ndli_norm(before) > 0 && ndli_nodes_has_moved(needle, same - old_first, k)))
+        return ndli_nodes_gap_to(needle, x, ndli_nodes_on_rod(needle->rod, x));
+    return same < 0 ? ndli_v(0, 0, 0) : needle->old_gap[same];
+}
+
 /* ---- all nodes ---- */
 
 /* 1 when a chain that comes from `before` turns at x by less than 60 degrees on its way to `next`. */
@@ -15298,8 +15371,9 @@ NDLI_API int ndli_needle_is_threaded(const ndl_needle *needle)
     if (needle->site->embeds)
         return 1;
     for (int i = needle->line.first; i <= ndli_line_foremost(&needle->line); i++) {
-        ndli_v3 gap = ndli_sub(needle->rod->x[i], ndli_from(mesh->x[needle->path[i - needle->line.first]]));
-        if (ndli_dot(gap, gap) > 0)
+        ndli_v3 place = ndli_add(ndli_from(mesh->x[needle->path[i - needle->line.first]]), needle->gap[i]);
+        ndli_v3 off = ndli_sub(needle->rod->x[i], place);
+        if (ndli_dot(off, off) > 0)
             return 0;
     }
     return 1;
@@ -15361,26 +15435,35 @@ static int ndli_nodes_renew_path(ndl_needle *needle)
     const int *path = ndl_remesh_nodes(needle->site->remesh, needle->index, &count);
     int end_index = count > 0 ? sbi_min_int(old_first, rod->node_count - 1) : rod->node_count - 1;
     ndli_places list = {needle->places, needle->place_tangents, 0, 0};
-    ndli_v3 end = rod->x[rod->node_count - 1];
+    ndli_v3 end = rod->x[rod->node_count - 1], entry_gap = ndli_v(0, 0, 0);
     if (count > rod->capacity - 4)
         return rod->capacity;
     memcpy(needle->old_path, needle->path, (size_t)old_count * sizeof(int));
     memcpy(needle->old_state, line->state, (size_t)rod->node_count);
     memcpy(needle->old_contact, line->contact, (size_t)rod->node_count * sizeof(ndli_v3));
+    memcpy(needle->old_gap, needle->gap, (size_t)rod->node_count * sizeof(ndli_v3));
     shallow = count == 1;
     count = ndli_nodes_thread(needle, path, count, rod->tangent[end_index - 1]);
     path = needle->path;
-    if (count > 0)
+    if (count > 0) {
         end = ndli_from(mesh->x[path[0]]);
+        entry_gap = ndli_nodes_gap(needle, old_first, old_count, 0, count, end, entry_gap);
+        end = ndli_add(end, entry_gap);
+    }
     list.capacity = rod->capacity - sbi_max_int(count - 1, 0);
     ndli_nodes_outside(needle, &list, end, end_index);
     first = list.count - 1;
     list.capacity = rod->capacity;
-    for (int k = 1; k < count; k++)
-        ndli_nodes_put(&list, ndli_from(mesh->x[path[k]]), ndli_v(0, 0, 0));
+    if (count > 0)
+        needle->gap[first] = entry_gap;
+    for (int k = 1; k < count; k++) {
+        ndli_v3 x = ndli_from(mesh->x[path[k]]);
+        needle->gap[first + k] = ndli_nodes_gap(needle, old_first, old_count, k, count, x, needle->gap[first + k - 1]);
+        ndli_nodes_put(&list, ndli_add(x, needle->gap[first + k]), ndli_v(0, 0, 0));
+    }
+    needle->enters = needle->sinks = needle->reaches = needle->follows = 0;
     if (shallow && ndli_nodes_tail(needle, end) > ndli_nodes_least_tail(needle))
-        ndli_nodes_put(&list, old_count ? rod->x[rod->node_count - 1] : ndli_nodes_first_tip(needle, end),
-                       ndli_v(0, 0, 0));
+        ndli_nodes_put(&list, rod->x[rod->node_count - 1], ndli_v(0, 0, 0));
     for (int k = 0; k < count; k++)
         ndli_nodes_carry(needle, old_first, old_count, first, k, count);
     bad = ndli_rod_reparameterise(rod, list.x, list.count);
@@ -15413,7 +15496,7 @@ static size_t ndli_undo_aligned(size_t bytes) { return (bytes + 15) / 16 * 16; }
 static size_t ndli_undo_needle_size(const ndl_needle *needle, int node_count, int point_count)
 {
     size_t n = (size_t)node_count, points = (size_t)point_count;
-    return ndli_undo_aligned(sizeof *needle) + ndli_undo_aligned(n * sizeof(ndli_v3)) +
+    return ndli_undo_aligned(sizeof *needle) + 2 * ndli_undo_aligned(n * sizeof(ndli_v3)) +
            ndli_undo_aligned(n * sizeof(int)) + ndli_undo_aligned(n) + ndli_undo_aligned(n * sizeof(double)) +
            ndli_undo_aligned(points * sizeof(ndli_v3)) + ndli_undo_aligned(points * sizeof(double)) +
            ndli_undo_aligned(points * sizeof(int)) + ndli_undo_aligned(ndli_rod_snapshot_size(needle->rod, node_count));
@@ -15491,6 +15574,7 @@ static void ndli_undo_copy_needle(ndl_needle *needle, int node_count, unsigned c
     ndli_undo_copy(at, needle, sizeof *needle, back);
     points = (size_t)needle->track.count;
     ndli_undo_copy(at, needle->line.contact, n * sizeof(ndli_v3), back);
+    ndli_undo_copy(at, needle->gap, n * sizeof(ndli_v3), back);
     ndli_undo_copy(at, needle->path, n * sizeof(int), back);
     ndli_undo_copy(at, needle->line.state, n, back);
     ndli_undo_copy(at, needle->arc, needle->arc ? n * sizeof(double) : 0, back);
@@ -16495,6 +16579,9 @@ static void ndli_needle_layout(ndl_needle *needle, const ndl_needle_def *def, sb
         needle->track.arc = (double *)sbi_arena_take(arena, NDLI_TRACK_POINTS * n, sizeof(double));
         needle->track.elements = (int *)sbi_arena_take(arena, NDLI_TRACK_POINTS * n, sizeof(int));
     }
+    needle->gap = (ndli_v3 *)sbi_arena_take(arena, n, sizeof(ndli_v3));
+    needle->old_gap = (ndli_v3 *)sbi_arena_take(arena, n, sizeof(ndli_v3));
+    needle->old_X = (sb_vec3 *)sbi_arena_take(arena, n, sizeof(sb_vec3));
     needle->path = (int *)sbi_arena_take(arena, n, sizeof(int));
     needle->old_contact = (ndli_v3 *)sbi_arena_take(arena, n, sizeof(ndli_v3));
     needle->old_path = (int *)sbi_arena_take(arena, n, sizeof(int));

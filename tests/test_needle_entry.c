@@ -291,11 +291,11 @@ static void test_programs(void)
 /* ---- organs of the shared folder, with bevels ---- */
 
 /* Of any mesh; the lowest sixth is held. */
-static int make_organ(entry *e, double young)
+static int make_organ(entry *e, double young, sb_real slack)
 {
     sb_body_def def = needle_scene_body_def();
     sb_vec3 low, high;
-    def.slack = 0;
+    def.slack = slack;
     def.material = sb_material_corotated(REAL(young), REAL(0.45), 1000);
     def.mesh = &e->mesh;
     if (!CHECK_OK(sb_body_create(&def, &e->body, NULL)))
@@ -366,7 +366,8 @@ static void test_organs(void)
         if (!check_shared_path(path, sizeof path, name))
             continue;
         most_across = 0;
-        if (CHECK_OK(sb_mesh_load(&e.mesh, path, NULL, &e.error)) && make_organ(&e, check_random_in(&seed, 3e3, 3e4))) {
+        if (CHECK_OK(sb_mesh_load(&e.mesh, path, NULL, &e.error)) &&
+            make_organ(&e, check_random_in(&seed, 3e3, 3e4), 0)) {
             double beyond = run_organ(&e, wanted, &seed);
             printf("%s: %d programs, at most %.3f N beyond the law along the shaft, %.2f N across the sleeve\n",
                    names[k], wanted, beyond, most_across);
@@ -391,7 +392,7 @@ static void test_edges(void)
     entry e;
     memset(&e, 0, sizeof e);
     leans = 1;
-    if (CHECK_OK(sb_mesh_beam(SB_TET4, 5, 4, 3, size, NULL, &e.mesh, NULL)) && make_organ(&e, 2e4))
+    if (CHECK_OK(sb_mesh_beam(SB_TET4, 5, 4, 3, size, NULL, &e.mesh, NULL)) && make_organ(&e, 2e4, 0))
         for (int i = 0; i < 3 * wanted && programs < wanted; i++) {
             ndl_friction f = random_friction(&seed);
             double below = check_random_in(&seed, 0.002, 0.008), more;
@@ -416,6 +417,140 @@ static void test_edges(void)
     sb_mesh_free(&e.mesh);
 }
 
+/* ---- organs of the shared folder whose mesh follows ---- */
+
+/* What is held is rigid, and bends a stiff wire by force: needles stay above that. */
+static int stays_free(const entry *e, sb_vec3 from, sb_vec3 to)
+{
+    sb_vec3 low, high;
+    sb_real least;
+    sb_mesh_bounds(&e->mesh, &low, &high);
+    least = low.z + REAL(0.2) * (high.z - low.z);
+    return from.z > least && to.z > least;
+}
+
+/* A wire of 0.5 to 1.5 mm, of nitinol or steel, at a random point of the skin at up to 80 degrees from its normal, half
+ * of them with a bevel. NULL: it would come to what is held. */
+static ndl_needle *make_wire(const entry *e, const sb_mesh *skin, const ndl_friction *f, unsigned long long *seed)
+{
+    const int *n = skin->elements + 3 * (size_t)(check_random(seed) * skin->element_count);
+    sb_vec3 corner = skin->nodes[n[0]], u = sb_v3_sub(skin->nodes[n[1]], corner);
+    sb_vec3 v = sb_v3_sub(skin->nodes[n[2]], corner), normal = sb_v3_cross(u, v), side, other, at;
+    double a = check_random(seed), b = check_random(seed) * (1 - a), tilt = check_random_in(seed, 0, 1.396);
+    double way = check_random_in(seed, 0, 6.283), radius = check_random_in(seed, 0.00025, 0.00075);
+    int bends = check_random(seed) < 0.5, steel = check_random(seed) < 0.5;
+    double bend = check_random_in(seed, 2, 8);
+    ndl_needle_def def = ndl_default_needle_def();
+    ndl_needle *needle = NULL;
+    normal = sb_v3_scale(1 / sb_v3_norm(normal), normal);
+    side = sb_v3_scale(1 / sb_v3_norm(u), u);
+    other = sb_v3_cross(normal, side);
+    side = sb_v3_add(sb_v3_scale(REAL(cos(way)), side), sb_v3_scale(REAL(sin(way)), other));
+    at = sb_v3_madd(sb_v3_madd(corner, REAL(a), u), REAL(b), v);
+    def.body = e->body;
+    def.follow = NDL_REMESH;
+    def.frictions = f;
+    def.friction_count = 1;
+    def.bevel.curvature = REAL(bends ? bend : 0);
+    def.direction = sb_v3_madd(sb_v3_scale(REAL(-cos(tilt)), normal), REAL(sin(tilt)), side);
+    def.length = REAL(0.012);
+    def.base = sb_v3_madd(at, REAL(-0.015), def.direction);
+    ndl_rod_section_preset(steel ? NDL_STYLET_18G : NDL_NITINOL_083, &def.section);
+    def.section.radius = REAL(radius);
+    if (!stays_free(e, at, sb_v3_madd(at, REAL(0.02), def.direction)) ||
+        ndl_needle_create(&def, &needle, NULL) != SB_OK)
+        return NULL;
+    return needle;
+}
+
+/* In, a rest, and out. Most of what a hand feels beyond three times the law and 0.2 N (N); negative: never that. */
+static double run_wire(const entry *e, ndl_needle *needle, const ndl_friction *f, unsigned long long *seed, int *is_in)
+{
+    const double dt = check_random_in(seed, 0.01, 0.03), speed = check_random_in(seed, 0.01, 0.03);
+    const int in = (int)(check_random_in(seed, 0.008, 0.02) / (speed * dt));
+    double beyond = -1;
+    *is_in = 0;
+    for (int i = 0; i < 4 * in + 5; i++) {
+        double depth = (double)ndl_needle_depth(needle), law;
+        ndl_command command = {0, 0, {0, 0, 0}, {0, 0, 0}};
+        ndl_step_info info;
+        sb_vec3 force;
+        sb_error error;
+        if (i > in + 5 && depth == 0)
+            break;
+        command.insertion = REAL(i < in ? speed : i < in + 5 ? 0 : -speed);
+        command.twist = REAL(i >= in && i < in + 5 ? check_random_in(seed, -3, 3) : 0);
+        if (!CHECK_OK(ndl_step(e->body, &needle, 1, REAL(dt), &command, &info, &error))) {
+            printf("%s\n", error.message);
+            return 1e9;
+        }
+        depth = fmax(depth, (double)ndl_needle_depth(needle));
+        *is_in |= depth > 0;
+        ndl_needle_base_wrench(needle, &force, NULL);
+        law = (double)f->cutting + ((double)f->friction + (double)f->viscous * speed) * depth;
+        if (!info.blocked)
+            beyond = fmax(beyond, (double)sb_v3_norm(force) - 3 * law - 0.2);
+    }
+    return beyond;
+}
+
+static int run_wires(entry *e, int wanted, unsigned long long *seed)
+{
+    sb_boundary boundary;
+    int count = 0, entered = 0;
+    if (!CHECK_OK(sb_mesh_boundary(&e->mesh, 1, NULL, &boundary, NULL)))
+        return 0;
+    for (int i = 0; i < 20 * wanted && count < wanted; i++) {
+        ndl_friction f = random_friction(seed);
+        double beyond;
+        int is_in;
+        e->needle = make_wire(e, &boundary.surface, &f, seed);
+        if (!e->needle)
+            continue;
+        beyond = run_wire(e, e->needle, &f, seed, &is_in);
+        if (!CHECK(beyond <= 0))
+            printf("wire %d: %.2f N beyond three times the law\n", count, beyond);
+        count++;
+        entered += is_in;
+        ndl_needle_destroy(e->needle);
+        e->needle = NULL;
+        sb_body_reset(e->body);
+    }
+    CHECK_INT(count, wanted);
+    sb_boundary_free(&boundary);
+    return entered;
+}
+
+/* CHECK_SLOW: 500 for each organ, or as many as it says. An entry that the mesh cannot have where the needle came in
+ * drew the shaft there, by up to hundreds of newtons. */
+static void test_meshed_organs(void)
+{
+    static const char *const names[] = {"liver_a_tet4_2k", "cylinder_tet4",    "armadillo_tet4",
+                                        "bunny_tet4",      "liver_b_tet4_10k", "liver_a_tet4_10k"};
+    const char *slow = getenv("CHECK_SLOW");
+    int wanted = slow ? (atoi(slow) > 1 ? atoi(slow) : 500) : check_quick() ? 4 : 30, seen = 0;
+    for (int k = 0; k < (slow ? 6 : 2); k++) {
+        unsigned long long seed = 9100 + 77ULL * (unsigned long long)k;
+        char path[512], name[80];
+        entry e;
+        memset(&e, 0, sizeof e);
+        snprintf(name, sizeof name, "data/volumes/%s.vtk", names[k]);
+        if (!check_shared_path(path, sizeof path, name))
+            continue;
+        if (CHECK_OK(sb_mesh_load(&e.mesh, path, NULL, &e.error)) &&
+            make_organ(&e, check_random_in(&seed, 5e3, 6e4), REAL(0.2))) {
+            int entered = run_wires(&e, wanted, &seed);
+            printf("%s: %d wires, %d of them in\n", names[k], wanted, entered);
+            CHECK(entered >= wanted / 2);
+        }
+        sb_body_destroy(e.body);
+        sb_mesh_free(&e.mesh);
+        seen++;
+    }
+    if (!seen)
+        CHECK_SKIP("no shared folder");
+}
+
 CHECK_SUITE(needle_entry, {"entries put aside", test_slipped}, {"entries where they are", test_in_place},
             {"needles that are held", test_held}, {"programs", test_programs}, {"organs", test_organs},
-            {"beside edges", test_edges});
+            {"beside edges", test_edges}, {"organs, meshed", test_meshed_organs});

@@ -276,6 +276,9 @@ static void ndli_needle_layout(ndl_needle *needle, const ndl_needle_def *def, sb
         needle->track.arc = (double *)sbi_arena_take(arena, NDLI_TRACK_POINTS * n, sizeof(double));
         needle->track.elements = (int *)sbi_arena_take(arena, NDLI_TRACK_POINTS * n, sizeof(int));
     }
+    needle->gap = (ndli_v3 *)sbi_arena_take(arena, n, sizeof(ndli_v3));
+    needle->old_gap = (ndli_v3 *)sbi_arena_take(arena, n, sizeof(ndli_v3));
+    needle->old_X = (sb_vec3 *)sbi_arena_take(arena, n, sizeof(sb_vec3));
     needle->path = (int *)sbi_arena_take(arena, n, sizeof(int));
     needle->old_contact = (ndli_v3 *)sbi_arena_take(arena, n, sizeof(ndli_v3));
     needle->old_path = (int *)sbi_arena_take(arena, n, sizeof(int));

@@ -54,7 +54,8 @@ typedef sb_real (*ndl_cutting)(void *user, sb_vec3 X, int region);
  * Which to take: NDL_EMBED, the default, wherever forces, bends or places matter, in soft tissue above all, in other
  * elements than tet4, in cut bodies, for needles close together. NDL_REMESH (what Chentanez 2010 has) where nodes are
  * wanted on the needle's line, or steps have to be cheap: it takes 0.6 times the time in a gel phantom of 24 x 24 x 3
- * cells, but 1 to 2.5 % of its insertions into curved skin have a step above 5 N, and nearly along the skin needles may
+ * cells. Of 200 needles into random ellipsoids none felt 0.05 N more than friction and cutting in any step; tissue that
+ * is held is rigid, and a stiff wire with a bevel in it may feel several newtons. Nearly along the skin needles may
  * tear out (ndl_step_info.torn): of 60 wires of 1.8 mm at 63 to 86 degrees from its normal, in 14 kPa, 6 did so, with
  * NDL_EMBED none. Markers of that phantom are off those of a finer mesh by 0.107 mm with NDL_REMESH, 0.022 with
  * NDL_EMBED (RMS; needle_phantom); lateral stiffness changes 1.9 times over edges from 17 to 7 mm with NDL_REMESH; in
@@ -112,12 +113,11 @@ typedef struct ndl_needle_def {
     ndl_cutting cutting; /* default NULL: by the tables */
     void *cutting_user;
     sb_real entry_slip; /* where the skin is not flat the entry may be put on a node or edge of it, this share of the
-                         * face's longest edge away at most (see ndl_remesh_def), and the shaft is drawn there in
-                         * one step. In [0, 0.25]: from farther off that alone gives up to thousands of newtons.
+                         * face's longest edge away at most (see ndl_remesh_def). In [0, 0.25].
                          * Default 0.25; 0: the entry stays where the needle met the skin, with flatter tets about
-                         * it. Either way single steps within the first edge below curved skin may have forces that
-                         * no tissue makes: of 200 needles in ellipsoids, with 0.3 N to cut, the most was
-                         * over 5 N for 5 with 0.25 (325 N once) and for 2 with 0 (14 N once) */
+                         * it. Either way the shaft stays where it is, and goes with the entry at that distance: of
+                         * 200 needles in ellipsoids, with 0.3 N to cut, the most was 0.55 N with 0.25, 0.45 N with
+                         * 0 */
     int max_trials;     /* linear systems per Newton iteration with different states of friction, >= 1; default 10. The
                          * largest of all needles' holds */
     sb_allocator allocator; /* default malloc */

@@ -20,8 +20,7 @@
  * Shafts do not touch the tissue's skin from outside, needles do not touch each other, and a tip that reaches the far
  * side of the tissue is stopped there, but for where that was burnt away.
  *
- * Within the first edge below curved skin single steps may have forces at the base that no tissue makes: see
- * ndl_needle_def.entry_slip for figures. With NDL_REMESH needles go into bodies of SB_TET4 only
+ * With NDL_REMESH needles go into bodies of SB_TET4 only
  * (SB_ERROR_UNSUPPORTED otherwise); all bodies with needles take implicit steps. What is embedded in a body follows the
  * changes that needles make where it is asked to (sb_embedding_follow).
  *

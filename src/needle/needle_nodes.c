@@ -77,12 +77,22 @@ static double ndli_nodes_tail(const ndl_needle *needle, ndli_v3 entry)
 }
 static double ndli_nodes_least_tail(const ndl_needle *needle) { return 0.02 * needle->site->mean_edge; }
 
-/* Where the tip is when its entry has just been put aside (ndl_needle_def.entry_slip): as far aside. A short last edge
- * that went across the needle would turn the way it slips along, and the stretch of the shaft that was drawn aside
- * could not slip off: on curved skin that was over 100 N in the first step of one entry in six. */
-static ndli_v3 ndli_nodes_first_tip(const ndl_needle *needle, ndli_v3 entry)
+/* The place on the rod that is nearest to x. */
+static ndli_v3 ndli_nodes_on_rod(const ndl_rod *rod, ndli_v3 x)
 {
-    return ndli_madd(entry, ndli_nodes_tail(needle, entry), needle->rod->tangent[needle->rod->node_count - 2]);
+    ndli_v3 best = rod->x[1];
+    double least = ndli_norm(ndli_sub(x, best));
+    for (int j = 1; j + 1 < rod->node_count; j++) {
+        ndli_v3 edge = ndli_sub(rod->x[j + 1], rod->x[j]), place;
+        double along = ndli_dot(ndli_sub(x, rod->x[j]), edge) / ndli_dot(edge, edge), far;
+        place = ndli_madd(rod->x[j], fmin(fmax(along, 0), 1), edge);
+        far = ndli_norm(ndli_sub(x, place));
+        if (far < least) {
+            least = far;
+            best = place;
+        }
+    }
+    return best;
 }
 
 /* ---- what belongs to coupled nodes ---- */
@@ -121,6 +131,41 @@ static void ndli_nodes_carry(ndl_needle *needle, int old_first, int old_count, i
     line->contact[first + k] = same >= 0 ? needle->old_contact[same] : ndli_v(0, 0, 0);
 }
 
+/* Whether node k of the path, which was its node `old`, is somewhere else in the material since the mesh has followed
+ * the tip; new ones are. */
+static int ndli_nodes_has_moved(const ndl_needle *needle, int old, int k)
+{
+    if (!needle->follows)
+        return 0;
+    return old < 0 || sb_v3_norm(sb_v3_sub(needle->old_X[old], needle->site->mesh->X[needle->path[k]])) > 0;
+}
+
+/* From x to a place on the needle; 0 where that is near: there the shaft is drawn to the node. In shares of an edge. */
+static const double ndli_nodes_least_gap = 0.01;
+static ndli_v3 ndli_nodes_gap_to(const ndl_needle *needle, ndli_v3 x, ndli_v3 place)
+{
+    ndli_v3 gap = ndli_sub(place, x);
+    return ndli_norm(gap) > ndli_nodes_least_gap * needle->site->mean_edge ? gap : ndli_v(0, 0, 0);
+}
+
+/* How far node k of the path, which is at x, is from the rod's. An entry that the mesh has where the needle did not
+ * come in, or nodes below it that could not be put where the shaft is, do not draw the shaft to them: on curved skin
+ * that was up to hundreds of newtons. Later the tip's node comes to the tip. */
+static ndli_v3 ndli_nodes_gap(const ndl_needle *needle, int old_first, int old_count, int k, int count, ndli_v3 x,
+                              ndli_v3 before)
+{
+    int is_tip = k > 0 && k == count - 1, same = ndli_nodes_same(needle, old_first, old_count, k, 0);
+    if (is_tip && needle->reaches)
+        return ndli_v(0, 0, 0);
+    if (is_tip && needle->sinks)
+        return ndli_nodes_gap_to(needle, x, needle->landing);
+    if (k == 0 && needle->enters)
+        return ndli_nodes_gap_to(needle, x, ndli_nodes_on_rod(needle->rod, x));
+    if (needle->sinks || (!is_tip && ndli_norm(before) > 0 && ndli_nodes_has_moved(needle, same - old_first, k)))
+        return ndli_nodes_gap_to(needle, x, ndli_nodes_on_rod(needle->rod, x));
+    return same < 0 ? ndli_v(0, 0, 0) : needle->old_gap[same];
+}
+
 /* ---- all nodes ---- */
 
 /* 1 when a chain that comes from `before` turns at x by less than 60 degrees on its way to `next`. */
@@ -156,8 +201,9 @@ NDLI_API int ndli_needle_is_threaded(const ndl_needle *needle)
     if (needle->site->embeds)
         return 1;
     for (int i = needle->line.first; i <= ndli_line_foremost(&needle->line); i++) {
-        ndli_v3 gap = ndli_sub(needle->rod->x[i], ndli_from(mesh->x[needle->path[i - needle->line.first]]));
-        if (ndli_dot(gap, gap) > 0)
+        ndli_v3 place = ndli_add(ndli_from(mesh->x[needle->path[i - needle->line.first]]), needle->gap[i]);
+        ndli_v3 off = ndli_sub(needle->rod->x[i], place);
+        if (ndli_dot(off, off) > 0)
             return 0;
     }
     return 1;
@@ -219,26 +265,35 @@ static int ndli_nodes_renew_path(ndl_needle *needle)
     const int *path = ndl_remesh_nodes(needle->site->remesh, needle->index, &count);
     int end_index = count > 0 ? sbi_min_int(old_first, rod->node_count - 1) : rod->node_count - 1;
     ndli_places list = {needle->places, needle->place_tangents, 0, 0};
-    ndli_v3 end = rod->x[rod->node_count - 1];
+    ndli_v3 end = rod->x[rod->node_count - 1], entry_gap = ndli_v(0, 0, 0);
     if (count > rod->capacity - 4)
         return rod->capacity;
     memcpy(needle->old_path, needle->path, (size_t)old_count * sizeof(int));
     memcpy(needle->old_state, line->state, (size_t)rod->node_count);
     memcpy(needle->old_contact, line->contact, (size_t)rod->node_count * sizeof(ndli_v3));
+    memcpy(needle->old_gap, needle->gap, (size_t)rod->node_count * sizeof(ndli_v3));
     shallow = count == 1;
     count = ndli_nodes_thread(needle, path, count, rod->tangent[end_index - 1]);
     path = needle->path;
-    if (count > 0)
+    if (count > 0) {
         end = ndli_from(mesh->x[path[0]]);
+        entry_gap = ndli_nodes_gap(needle, old_first, old_count, 0, count, end, entry_gap);
+        end = ndli_add(end, entry_gap);
+    }
     list.capacity = rod->capacity - sbi_max_int(count - 1, 0);
     ndli_nodes_outside(needle, &list, end, end_index);
     first = list.count - 1;
     list.capacity = rod->capacity;
-    for (int k = 1; k < count; k++)
-        ndli_nodes_put(&list, ndli_from(mesh->x[path[k]]), ndli_v(0, 0, 0));
+    if (count > 0)
+        needle->gap[first] = entry_gap;
+    for (int k = 1; k < count; k++) {
+        ndli_v3 x = ndli_from(mesh->x[path[k]]);
+        needle->gap[first + k] = ndli_nodes_gap(needle, old_first, old_count, k, count, x, needle->gap[first + k - 1]);
+        ndli_nodes_put(&list, ndli_add(x, needle->gap[first + k]), ndli_v(0, 0, 0));
+    }
+    needle->enters = needle->sinks = needle->reaches = needle->follows = 0;
     if (shallow && ndli_nodes_tail(needle, end) > ndli_nodes_least_tail(needle))
-        ndli_nodes_put(&list, old_count ? rod->x[rod->node_count - 1] : ndli_nodes_first_tip(needle, end),
-                       ndli_v(0, 0, 0));
+        ndli_nodes_put(&list, rod->x[rod->node_count - 1], ndli_v(0, 0, 0));
     for (int k = 0; k < count; k++)
         ndli_nodes_carry(needle, old_first, old_count, first, k, count);
     bad = ndli_rod_reparameterise(rod, list.x, list.count);

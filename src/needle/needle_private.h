@@ -56,14 +56,21 @@ struct ndl_needle {
     ndli_v3 aside;       /* m in the material: of a shallow tip, how far its way has bent from the straight one */
     double wave;         /* m: length of the bends that the tissue makes of the shaft */
     ndli_v3 base_force, base_torque; /* N, N m about the outlet */
-    int shallow;             /* 1: the tip is in the tissue, but less than about half an edge: only its entry has a node
-                              * there. Tets between such a tip and the skin would be flat */
-    int *path;               /* [capacity] tissue nodes of rod nodes line.first .. */
-    double radius;           /* m */
-    ndli_track track;        /* of a needle that is held by rows, as what follows */
-    int lost;                /* an ndli_lost */
-    double entering;         /* m of the edge before its first node in the tissue that are in it */
-    double *arc;             /* [capacity] m at rest: where on it nodes in the tissue are */
+    int shallow;      /* 1: the tip is in the tissue, but less than about half an edge: only its entry has a node
+                       * there. Tets between such a tip and the skin would be flat */
+    int *path;        /* [capacity] tissue nodes of rod nodes line.first .. */
+    ndli_v3 *gap;     /* [capacity] m: how far rod nodes are from these, with which they move: the mesh may not be
+                       * able to have a node where the needle is, and a shaft that were drawn to it would make
+                       * forces that no tissue makes */
+    int enters;       /* in the present substep 1: its entry is new */
+    int sinks;        /* and 1: its nodes below it are */
+    int reaches;      /* and 1: its tip's node has come to where the tip is */
+    ndli_v3 landing;  /* m: where the tip of one that sinks is in space */
+    double radius;    /* m */
+    ndli_track track; /* of a needle that is held by rows, as what follows */
+    int lost;         /* an ndli_lost */
+    double entering;  /* m of the edge before its first node in the tissue that are in it */
+    double *arc;      /* [capacity] m at rest: where on it nodes in the tissue are */
     struct ndli_hold *holds; /* [capacity] the line's */
     double *stretch;         /* [capacity] of the tissue along it there, in the present substep */
     int pushed;              /* 1: the present substep's command takes the needle forward */
@@ -75,7 +82,10 @@ struct ndl_needle {
     ndli_v3 *places, *place_tangents; /* [capacity] new nodes of the rod */
     ndli_v3 *old_contact;             /* [capacity] */
     int *old_path;                    /* [capacity] */
-    unsigned char *old_state;         /* [capacity] */
+    ndli_v3 *old_gap;                 /* [capacity] */
+    sb_vec3 *old_X;           /* [capacity] m: of the path's nodes before the mesh followed the tip, once it has */
+    int follows;              /* 1: it has */
+    unsigned char *old_state; /* [capacity] */
     void *memory;
 };
 

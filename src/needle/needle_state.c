@@ -8,7 +8,7 @@
 
 /* By its name it comes behind the remesher's, which it is checked against. */
 static const char ndli_needle_name[] = "needles";
-enum { NDLI_NEEDLE_VERSION = 3 };
+enum { NDLI_NEEDLE_VERSION = 4 };
 
 /* ---- the image ---- */
 
@@ -127,6 +127,7 @@ static void ndli_needle_walk(ndl_needle *needle, const ndli_needle_head *h, ndli
     ndli_image_part(image, needle->line.contact + rearmost, states, sizeof(ndli_v3));
     if (!needle->site->embeds) {
         ndli_image_part(image, needle->path, nodes, sizeof(int));
+        ndli_image_part(image, needle->gap + h->first, nodes, sizeof(ndli_v3));
         return;
     }
     ndli_image_part(image, needle->arc + h->first, nodes, sizeof(double));
@@ -202,7 +203,15 @@ static sb_result ndli_needle_check_head(const ndl_needle *needle, const ndli_nee
     return SB_OK;
 }
 
-/* The rod is on nodes of the remesher's path, in their order. */
+static int ndli_image_is_number(const unsigned char *reals, size_t count)
+{
+    int good = 1;
+    for (size_t i = 0; i < count; i++)
+        good &= ndli_is_finite(ndli_image_real(reals, i));
+    return good;
+}
+
+/* The rod is on nodes of the remesher's path, in their order, or at numbers beside them. */
 static int ndli_needle_path_holds(const ndl_needle *needle, const unsigned char *path, int count)
 {
     int there, at = 0;
@@ -214,15 +223,7 @@ static int ndli_needle_path_holds(const ndl_needle *needle, const unsigned char 
         if (at++ == there)
             return 0;
     }
-    return 1;
-}
-
-static int ndli_image_is_number(const unsigned char *reals, size_t count)
-{
-    int good = 1;
-    for (size_t i = 0; i < count; i++)
-        good &= ndli_is_finite(ndli_image_real(reals, i));
-    return good;
+    return ndli_image_is_number(path + ndli_image_room((size_t)count * sizeof(int)), 3 * (size_t)count);
 }
 
 /* Reals that rise from one to the next; *last is the last of them. */

@@ -78,6 +78,7 @@ static void ndli_tip_begin(ndl_needle *needle)
     int count;
     const int *path = ndl_remesh_nodes(needle->site->remesh, needle->index, &count);
     needle->aside = ndli_v(0, 0, 0);
+    needle->enters = 1;
     if (count > 0)
         needle->heading = ndli_tip_straight(needle, path[0]);
 }
@@ -183,6 +184,14 @@ static sb_result ndli_tip_sink(ndl_needle *needle, double depth, sb_vec3 X, ndl_
     return result;
 }
 
+/* Where the tip is to get nodes of its own: about the entry its bend was measured. */
+static void ndli_tip_land(ndl_needle *needle, int entry)
+{
+    sb_mat3 f = ndli_tip_gradient(needle->site->mesh, entry);
+    needle->sinks = 1;
+    needle->landing = ndli_add(needle->rod->x[needle->rod->node_count - 1], ndli_tip_mapped(&f, needle->aside));
+}
+
 /* The tip of a shallow needle: it goes on without the mesh, gets a node when it is deep enough, or leaves. */
 static sb_result ndli_tip_cut_shallow(ndl_needle *needle, ndl_remesh_info *done, sb_error *error)
 {
@@ -190,7 +199,8 @@ static sb_result ndli_tip_cut_shallow(ndl_needle *needle, ndl_remesh_info *done,
     const ndli_topology *mesh = needle->site->mesh;
     const ndl_rod *rod = needle->rod;
     int last = rod->node_count - 1, entry = needle->path[0];
-    double depth = ndli_dot(ndli_sub(rod->x[last], ndli_from(mesh->x[entry])), rod->tangent[last - 1]);
+    ndli_v3 from = ndli_add(ndli_from(mesh->x[entry]), needle->gap[needle->line.first]);
+    double depth = ndli_dot(ndli_sub(rod->x[last], from), rod->tangent[last - 1]);
     ndl_remesh_info sunk;
     sb_vec3 X;
     sb_error own;
@@ -202,6 +212,7 @@ static sb_result ndli_tip_cut_shallow(ndl_needle *needle, ndl_remesh_info *done,
     if (depth < ndli_tip_deep(needle) || needle->hold_steps > 0)
         return SB_OK;
     ndl_remesh_material_point(remesh, needle->index, ndli_to(rod->x[last]), &X);
+    ndli_tip_land(needle, entry);
     X = sb_v3_add(X, ndli_to(needle->aside));
     result = ndli_tip_sink(needle, depth, X, &sunk);
     if (result == SB_ERROR_MESH && depth < 2 * ndli_tip_deep(needle))
@@ -213,6 +224,7 @@ static sb_result ndli_tip_cut_shallow(ndl_needle *needle, ndl_remesh_info *done,
     done->candidates += sunk.candidates;
     done->smoothed += sunk.smoothed;
     done->released += sunk.released;
+    needle->reaches = result == SB_OK && !done->outside;
     if (result != SB_OK) /* the first operations may have been done */
         ndli_tip_take_heading(needle);
     return ndli_tip_judge(needle, result, &own, error);
@@ -256,6 +268,7 @@ static sb_result ndli_tip_draw_back(ndl_needle *needle, sb_vec3 X, int inside, n
     ndl_remesh *remesh = needle->site->remesh;
     sb_result result = ndl_remesh_retract(remesh, needle->index, X, done, NULL);
     needle->hold_steps = 0;
+    needle->reaches = result == SB_OK;
     needle->blocked = result != SB_OK && inside;
     if (result != SB_OK && !inside)
         return ndl_remesh_withdraw(remesh, needle->index, done, error);
@@ -279,12 +292,17 @@ static sb_result ndli_tip_cut_deep(ndl_needle *needle, ndl_remesh_info *done, sb
     result = ndl_remesh_penetrate(remesh, needle->index, X, done, &own);
     if (result == SB_OK && done->outside)
         result = sbi_fail(&own, SB_ERROR_MESH, "the tip would leave the tissue");
+    needle->reaches = result == SB_OK;
     return ndli_tip_judge(needle, result, &own, error);
 }
 
 NDLI_API sb_result ndli_needle_follow_tip(ndl_needle *needle, ndl_remesh_info *done, sb_error *error)
 {
     needle->advance = 0;
+    needle->enters = needle->sinks = needle->reaches = 0;
+    needle->follows = 1;
+    for (int k = 0; k < needle->line.count; k++)
+        needle->old_X[k] = needle->site->mesh->X[needle->path[k]];
     if (needle->line.count == 0)
         return ndli_tip_enter(needle, done, error);
     needle->advance = needle->line.slip[ndli_line_foremost(&needle->line)];

@@ -13,7 +13,7 @@ static size_t ndli_undo_aligned(size_t bytes) { return (bytes + 15) / 16 * 16; }
 static size_t ndli_undo_needle_size(const ndl_needle *needle, int node_count, int point_count)
 {
     size_t n = (size_t)node_count, points = (size_t)point_count;
-    return ndli_undo_aligned(sizeof *needle) + ndli_undo_aligned(n * sizeof(ndli_v3)) +
+    return ndli_undo_aligned(sizeof *needle) + 2 * ndli_undo_aligned(n * sizeof(ndli_v3)) +
            ndli_undo_aligned(n * sizeof(int)) + ndli_undo_aligned(n) + ndli_undo_aligned(n * sizeof(double)) +
            ndli_undo_aligned(points * sizeof(ndli_v3)) + ndli_undo_aligned(points * sizeof(double)) +
            ndli_undo_aligned(points * sizeof(int)) + ndli_undo_aligned(ndli_rod_snapshot_size(needle->rod, node_count));
@@ -91,6 +91,7 @@ static void ndli_undo_copy_needle(ndl_needle *needle, int node_count, unsigned c
     ndli_undo_copy(at, needle, sizeof *needle, back);
     points = (size_t)needle->track.count;
     ndli_undo_copy(at, needle->line.contact, n * sizeof(ndli_v3), back);
+    ndli_undo_copy(at, needle->gap, n * sizeof(ndli_v3), back);
     ndli_undo_copy(at, needle->path, n * sizeof(int), back);
     ndli_undo_copy(at, needle->line.state, n, back);
     ndli_undo_copy(at, needle->arc, needle->arc ? n * sizeof(double) : 0, back);
