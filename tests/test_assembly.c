@@ -97,7 +97,7 @@ static double largest(const sb_vec3 *a, int count)
     return most;
 }
 
-/* Steps and stiffness of a batched body and of one with a stranger, from the same displacements. */
+/* Energy, steps and stiffness of a batched body and of one with a stranger, from the same displacements. */
 static void compare(const scene *s)
 {
     sb_mesh mesh = box(s->type), strange;
@@ -113,8 +113,13 @@ static void compare(const scene *s)
         sb_vec3 *ya = (sb_vec3 *)calloc((size_t)strange.node_count, sizeof *ya);
         sb_vec3 *yb = (sb_vec3 *)calloc((size_t)strange.node_count, sizeof *yb);
         unsigned long long seed = 3;
+        sb_energy energy[2];
         shake(a, n, s->violence * 0.01, 11);
         shake(b, n, s->violence * 0.01, 11);
+        CHECK_OK(sb_body_energy(a, &energy[0]));
+        CHECK_OK(sb_body_energy(b, &energy[1]));
+        CHECK_NEAR((double)energy[0].elastic, (double)energy[1].elastic,
+                   scene_tolerance(1e-12, 100) * (double)energy[1].elastic);
         for (int i = 0; i < n; i++)
             x[i] = sb_v3(REAL(check_random_in(&seed, -1, 1)), REAL(check_random_in(&seed, -1, 1)), 0);
         CHECK_OK(sb_body_multiply_tangent(a, SB_TANGENT_QUASI, x, ya, NULL));

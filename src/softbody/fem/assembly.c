@@ -663,6 +663,10 @@ static int sbi_chunk_tangent_any(const sbi_assembly_job *job, int begin, int end
 static int sbi_chunk_energy_any(const sbi_assembly_job *job, int begin, int end, sb_real *sum)
 {
     const sb_domain *domain = job->assembly->domain;
+    if (job->assembly->batched && !domain->single_rotation) {
+        *sum = sbi_batch_energy(job->assembly, job->u, begin, end);
+        return -1;
+    }
 #define SBI_CALL(n, q, scheme) return sbi_chunk_energy(job, begin, end, n, q, scheme, sum)
     SBI_EACH_ELEMENT(SBI_CALL)
 #undef SBI_CALL

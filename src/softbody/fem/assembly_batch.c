@@ -453,19 +453,27 @@ static void sbi_batch_fold_fallback(const sbi_assembly *assembly, int batch, con
     }
 }
 
-/* Rotations r[9 p + k] of the points of a tet10 batch at u, where the gradients are f[9 p + k]; the stress needs these
- * as they are afterwards. */
-SBI_FORCE_INLINE void sbi_batch_rotate_points(sbi_assembly *assembly, int batch, const sb_vec3 *u,
-                                              sb_real (*f)[SB_POLAR_LANES], sb_real (*r)[SB_POLAR_LANES])
+/* Rotations r[9 p + k] and quats[4 p] of the points of a tet10 batch at u, where the gradients are f[9 p + k]; the
+ * stress needs these as they are afterwards. */
+SBI_FORCE_INLINE void sbi_batch_find_rotations(const sbi_assembly *assembly, int batch, const sb_vec3 *u,
+                                               sb_real (*f)[SB_POLAR_LANES], sb_real (*quats)[SB_POLAR_LANES],
+                                               sb_real (*r)[SB_POLAR_LANES])
 {
     const sb_real may_be_twisted = (sb_real)0.51; /* sbi_assembly_fold_fallback decides, at 0.5 */
-    sbi_batch_rows quats[16];
     for (int p = 0; p < 4; p++) {
         sbi_batch_load_quats(assembly, batch, p, 4, quats + 4 * p);
         sbi_polar_batch(f + 9 * p, quats + 4 * p, r + 9 * p);
     }
     if (assembly->fold_fallback && sbi_batch_least_cos(SBI_BATCH_ROWS(quats)) < may_be_twisted)
         sbi_batch_fold_fallback(assembly, batch, u, f, quats, r);
+}
+
+/* The same, which the assembly keeps. */
+SBI_FORCE_INLINE void sbi_batch_rotate_points(sbi_assembly *assembly, int batch, const sb_vec3 *u,
+                                              sb_real (*f)[SB_POLAR_LANES], sb_real (*r)[SB_POLAR_LANES])
+{
+    sbi_batch_rows quats[16];
+    sbi_batch_find_rotations(assembly, batch, u, f, quats, r);
     for (int p = 0; p < 4; p++)
         sbi_batch_store_quats(assembly, batch, p, 4, SBI_BATCH_ROWS(quats + 4 * p));
 }
@@ -832,6 +840,76 @@ SBI_API sb_real sbi_batch_work(const sbi_assembly *assembly, const sb_vec3 *x, i
         sbi_batch_work_tet4(first / SB_POLAR_LANES, assembly, x, work);
         for (int l = 0; l < count; l++)
             sum += sbi_domain_is_free(assembly->domain, first + l) ? 0 : work[l];
+    }
+    return sum;
+}
+
+/* ---- energy ---- */
+
+/* energy += that of a point. With R^T F symmetric, F - R is what sbi_batch_work_change has twice the energy of F of. */
+SBI_FORCE_INLINE void sbi_batch_add_energy(const sbi_assembly *assembly, int batch, int p, const int q,
+                                           const sb_real (*SB_RESTRICT r)[SB_POLAR_LANES],
+                                           sb_real (*SB_RESTRICT f)[SB_POLAR_LANES], sb_real *SB_RESTRICT energy)
+{
+    const sb_real *moduli = sbi_batch_moduli_at(assembly, batch, p, q);
+    sb_real work[SB_POLAR_LANES];
+    for (int k = 0; k < 9; k++)
+        for (int l = 0; l < SB_POLAR_LANES; l++)
+            f[k][l] -= r[k][l];
+    sbi_batch_work_change(r, moduli, moduli + SB_POLAR_LANES, SBI_BATCH_ROWS(f), work);
+    for (int l = 0; l < SB_POLAR_LANES; l++)
+        energy[l] += work[l] / 2;
+}
+
+/* Of the cells of a batch, which have one point; d: [3 (n - 1)] to work in. Rotations start where the last force left
+ * them, and stay there. */
+SBI_FORCE_INLINE void sbi_batch_energy_point(const sbi_assembly *assembly, const sb_vec3 *u, int batch, const int n,
+                                             sb_real (*d)[SB_POLAR_LANES], sb_real *energy)
+{
+    sbi_batch_rows f[9], r[9], quats[4];
+    sbi_batch_gather(assembly->domain, batch, u, n, d);
+    sbi_batch_deformation(SBI_BATCH_ROWS(d), SBI_BATCH_ROWS(sbi_batch_gradients_at(assembly, batch, 0, n, 1)), n, 1, f);
+    memcpy(quats, assembly->batch_quats + (size_t)batch * 4 * SB_POLAR_LANES, sizeof quats);
+    sbi_polar_batch(f, quats, r);
+    sbi_batch_add_energy(assembly, batch, 0, 1, SBI_BATCH_ROWS(r), f, energy);
+}
+
+/* The same of tet10. */
+SBI_FORCE_INLINE void sbi_batch_energy_tet10(const sbi_assembly *assembly, const sb_vec3 *u, int batch, sb_real *energy)
+{
+    sbi_batch_rows d[27], f[36], r[36], quats[16];
+    sbi_batch_gather(assembly->domain, batch, u, 10, d);
+    for (int p = 0; p < 4; p++)
+        sbi_batch_deformation(SBI_BATCH_ROWS(d), SBI_BATCH_ROWS(sbi_batch_gradients_at(assembly, batch, p, 10, 4)), 10,
+                              1, f + 9 * p);
+    sbi_batch_find_rotations(assembly, batch, u, f, quats, r);
+    for (int p = 0; p < 4; p++)
+        sbi_batch_add_energy(assembly, batch, p, 4, SBI_BATCH_ROWS(r + 9 * p), f + 9 * p, energy);
+}
+
+SBI_FORCE_INLINE void sbi_batch_energies_lanes(int batch, const sbi_assembly *assembly, const sb_vec3 *u,
+                                               sb_real *energy)
+{
+    sbi_batch_rows d[3 * (SB_MAX_ELEMENT_NODES - 1)];
+    memset(energy, 0, SB_POLAR_LANES * sizeof energy[0]);
+    if (sbi_batch_is_tet4(assembly))
+        sbi_batch_energy_point(assembly, u, batch, 4, d, energy);
+    else if (sbi_batch_is_cloud(assembly))
+        sbi_batch_energy_point(assembly, u, batch, assembly->domain->nodes_per_cell, d, energy);
+    else
+        sbi_batch_energy_tet10(assembly, u, batch, energy);
+}
+SBI_WIDEN(sbi_batch_energies, (int batch, const sbi_assembly *assembly, const sb_vec3 *u, sb_real *energy),
+          (batch, assembly, u, energy))
+
+SBI_API sb_real sbi_batch_energy(const sbi_assembly *assembly, const sb_vec3 *u, int begin, int end)
+{
+    sb_real sum = 0, energy[SB_POLAR_LANES];
+    for (int first = begin; first < end; first += SB_POLAR_LANES) {
+        int count = sbi_min_int(SB_POLAR_LANES, end - first);
+        sbi_batch_energies(first / SB_POLAR_LANES, assembly, u, energy);
+        for (int l = 0; l < count; l++) /* lanes beyond the last cell repeat it */
+            sum += sbi_domain_is_free(assembly->domain, first + l) ? 0 : energy[l];
     }
     return sum;
 }

@@ -54,6 +54,9 @@ SBI_API void sbi_batch_force_along(sbi_assembly *assembly, const sb_vec3 *u, con
                                    sb_vec3 *force, int begin, int end);
 /* x . R C R^T x of these cells, which are tet4. */
 SBI_API sb_real sbi_batch_work(const sbi_assembly *assembly, const sb_vec3 *x, int begin, int end);
+/* Elastic energy at u of these cells, begin a multiple of SB_POLAR_LANES, each point with a rotation of its own; the
+ * assembly's rotations stay. */
+SBI_API sb_real sbi_batch_energy(const sbi_assembly *assembly, const sb_vec3 *u, int begin, int end);
 /* matrix = factor R C R^T with the rotations as they are; each cell's C times that of its material, where there are
  * factors[material_count] (or NULL). */
 SBI_API void sbi_batch_tangent(sbi_assembly *assembly, const sb_real *factors, sb_real factor, sb_matrix *matrix);
