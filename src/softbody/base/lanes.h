@@ -37,22 +37,43 @@ SBI_FORCE_INLINE sbi_pair sbi_pair_make(sb_real a, sb_real b)
 #define SBI_EACH_LANE(l, count) for (int l = 0; l < (count); l++)
 #endif
 
-/* SBI_WIDEN(f, (parameters), (arguments)) defines f, which runs f_lanes: also compiled for AVX2, and so run where the
- * processor has it. Programs that are compiled for every x86-64 get vectors of four doubles that way. Without fused
- * products, and no lane looks at another: the same bits. f_lanes and what it calls in its loops are SBI_FORCE_INLINE,
- * lest they stay as narrow as the rest of the file. */
+/* SBI_WIDEN(f, wide, (parameters), (arguments)) defines f, which runs f_lanes: also compiled for AVX2, and so run where
+ * `wide` is not 0, which sbi_lanes_are_wide() has said. Programs that are compiled for every x86-64 get vectors of four
+ * doubles that way. Without fused products, and no lane looks at another: the same bits. f_lanes and what it calls in
+ * its loops are SBI_FORCE_INLINE, lest they stay as narrow as the rest of the file. */
 #if defined(__GNUC__) && defined(__x86_64__) && !defined(_MSC_VER) && !defined(__AVX2__) && !defined(SB_NO_VECTORS)
-#define SBI_WIDEN(name, parameters, arguments)                                                                         \
+#include <cpuid.h>
+
+/* 1: processor and system have AVX2. Asked of the processor, which takes as long as a thousand products: once, when a
+ * thing is made. The compiler's own way asks a run-time library that not all have. */
+SB_INLINE int sbi_lanes_are_wide(void)
+{
+    const unsigned saved = 1u << 27, avx = 1u << 28, avx2 = 1u << 5, registers = 6;
+    unsigned a, b, c, d;
+    if (__get_cpuid_max(0, NULL) < 7)
+        return 0;
+    __cpuid(1, a, b, c, d);
+    if ((c & (saved | avx)) != (saved | avx))
+        return 0;
+    __asm__("xgetbv" : "=a"(a), "=d"(d) : "c"(0)); /* what the system saves of them */
+    if ((a & registers) != registers)
+        return 0;
+    __cpuid_count(7, 0, a, b, c, d);
+    return (b & avx2) != 0;
+}
+
+#define SBI_WIDEN(name, wide, parameters, arguments)                                                                   \
     static __attribute__((target("avx2"), noinline)) void name##_wide parameters { name##_lanes arguments; }           \
     static void name parameters                                                                                        \
     {                                                                                                                  \
-        if (__builtin_cpu_supports("avx2"))                                                                            \
+        if (wide)                                                                                                      \
             name##_wide arguments;                                                                                     \
         else                                                                                                           \
             name##_lanes arguments;                                                                                    \
     }
 #else
-#define SBI_WIDEN(name, parameters, arguments)                                                                         \
+SB_INLINE int sbi_lanes_are_wide(void) { return 0; }
+#define SBI_WIDEN(name, wide, parameters, arguments)                                                                   \
     static void name parameters { name##_lanes arguments; }
 #endif
 

@@ -67,6 +67,7 @@ typedef struct sbi_assembly {
     sb_real energy_unit;      /* sum of w (lambda + 2 mu) (J): energy densities are differences of numbers of the
                                * size of the moduli, so this times epsilon is their rounding error */
     int batched;              /* 1: tet4 or tet10 with every material corotated: the batched loops hold */
+    int wide;                 /* and on this processor as SBI_WIDEN has them */
     sb_quat *rotations;       /* [cell_count][points_per_cell] warm starts of the polar rotations */
     sb_quat *saved_rotations; /* [cell_count][points_per_cell] for sbi_assembly_restore_rotations */
     int *scatter;             /* [cell_count][n (n + 1) / 2] matrix block of the pair (a, b), a <= b */

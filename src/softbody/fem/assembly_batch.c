@@ -43,6 +43,7 @@ SBI_API void sbi_batch_layout(sbi_assembly *assembly, const sb_domain *domain, i
     size_t batches = (cells + SB_POLAR_LANES - 1) / SB_POLAR_LANES;
     size_t lane = SB_POLAR_LANES * sizeof(sb_real);
     size_t n = (size_t)domain->nodes_per_cell, q = (size_t)domain->points_per_cell;
+    assembly->wide = sbi_lanes_are_wide();
     assembly->batch_gradients = (sb_real *)sbi_arena_take(arena, batches * q, 3 * (n - 1) * lane);
     assembly->batch_moduli = (sb_real *)sbi_arena_take(arena, batches * q, 3 * lane);
     if (q == 1) {
@@ -582,7 +583,7 @@ SBI_FORCE_INLINE void sbi_batch_force_tet10_lanes(int batch, sbi_assembly *assem
     }
     sbi_batch_scatter(assembly->domain, batch, SBI_BATCH_ROWS(d), 10, force);
 }
-SBI_WIDEN(sbi_batch_force_tet10, (int batch, sbi_assembly *assembly, const sb_vec3 *u, sb_vec3 *force),
+SBI_WIDEN(sbi_batch_force_tet10, assembly->wide, (int batch, sbi_assembly *assembly, const sb_vec3 *u, sb_vec3 *force),
           (batch, assembly, u, force))
 
 /* Cells of one point; d: [3 (n - 1)] to work in. */
@@ -605,7 +606,7 @@ SBI_FORCE_INLINE void sbi_batch_force_tet4_lanes(int batch, sbi_assembly *assemb
     sbi_batch_rows d[9];
     sbi_batch_force_point(assembly, u, force, batch, 4, d);
 }
-SBI_WIDEN(sbi_batch_force_tet4, (int batch, sbi_assembly *assembly, const sb_vec3 *u, sb_vec3 *force),
+SBI_WIDEN(sbi_batch_force_tet4, assembly->wide, (int batch, sbi_assembly *assembly, const sb_vec3 *u, sb_vec3 *force),
           (batch, assembly, u, force))
 
 SBI_FORCE_INLINE void sbi_batch_force_cloud_lanes(int batch, sbi_assembly *assembly, const sb_vec3 *u, sb_vec3 *force)
@@ -613,7 +614,7 @@ SBI_FORCE_INLINE void sbi_batch_force_cloud_lanes(int batch, sbi_assembly *assem
     sbi_batch_rows d[3 * (SB_MAX_ELEMENT_NODES - 1)];
     sbi_batch_force_point(assembly, u, force, batch, assembly->domain->nodes_per_cell, d);
 }
-SBI_WIDEN(sbi_batch_force_cloud, (int batch, sbi_assembly *assembly, const sb_vec3 *u, sb_vec3 *force),
+SBI_WIDEN(sbi_batch_force_cloud, assembly->wide, (int batch, sbi_assembly *assembly, const sb_vec3 *u, sb_vec3 *force),
           (batch, assembly, u, force))
 
 SBI_API void sbi_batch_force(sbi_assembly *assembly, const sb_vec3 *u, sb_vec3 *force, int begin, int end)
@@ -721,8 +722,8 @@ SBI_FORCE_INLINE void sbi_batch_multiply_tets_lanes(int batch, const sbi_assembl
     else
         sbi_batch_multiply_cells(assembly, x, y, batch, 10, 4, d, sum);
 }
-SBI_WIDEN(sbi_batch_multiply_tets, (int batch, const sbi_assembly *assembly, const sb_vec3 *x, sb_vec3 *y),
-          (batch, assembly, x, y))
+SBI_WIDEN(sbi_batch_multiply_tets, assembly->wide,
+          (int batch, const sbi_assembly *assembly, const sb_vec3 *x, sb_vec3 *y), (batch, assembly, x, y))
 
 SBI_FORCE_INLINE void sbi_batch_multiply_clouds_lanes(int batch, const sbi_assembly *assembly, const sb_vec3 *x,
                                                       sb_vec3 *y)
@@ -730,8 +731,8 @@ SBI_FORCE_INLINE void sbi_batch_multiply_clouds_lanes(int batch, const sbi_assem
     sbi_batch_rows d[3 * (SB_MAX_ELEMENT_NODES - 1)], sum[3 * (SB_MAX_ELEMENT_NODES - 1)];
     sbi_batch_multiply_cells(assembly, x, y, batch, assembly->domain->nodes_per_cell, 1, d, sum);
 }
-SBI_WIDEN(sbi_batch_multiply_clouds, (int batch, const sbi_assembly *assembly, const sb_vec3 *x, sb_vec3 *y),
-          (batch, assembly, x, y))
+SBI_WIDEN(sbi_batch_multiply_clouds, assembly->wide,
+          (int batch, const sbi_assembly *assembly, const sb_vec3 *x, sb_vec3 *y), (batch, assembly, x, y))
 
 SBI_API void sbi_batch_multiply(const sbi_assembly *assembly, const sb_vec3 *x, sb_vec3 *y, int begin, int end)
 {
@@ -780,7 +781,7 @@ SBI_FORCE_INLINE void sbi_batch_force_along_tet4_lanes(int batch, sbi_assembly *
     sbi_batch_apply(SBI_BATCH_ROWS(f), SBI_BATCH_ROWS(g), 4, 0, d);
     sbi_batch_scatter(assembly->domain, batch, SBI_BATCH_ROWS(d), 4, force);
 }
-SBI_WIDEN(sbi_batch_force_along_tet4,
+SBI_WIDEN(sbi_batch_force_along_tet4, assembly->wide,
           (int batch, sbi_assembly *assembly, const sb_vec3 *u, const sb_vec3 *x, int turned, sb_vec3 *force),
           (batch, assembly, u, x, turned, force))
 
@@ -829,8 +830,8 @@ SBI_FORCE_INLINE void sbi_batch_work_tet4_lanes(int batch, const sbi_assembly *a
     sbi_batch_deformation(SBI_BATCH_ROWS(d), SBI_BATCH_ROWS(g), 4, 0, f);
     sbi_batch_work_change(SBI_BATCH_ROWS(r), moduli, moduli + SB_POLAR_LANES, SBI_BATCH_ROWS(f), work);
 }
-SBI_WIDEN(sbi_batch_work_tet4, (int batch, const sbi_assembly *assembly, const sb_vec3 *x, sb_real *work),
-          (batch, assembly, x, work))
+SBI_WIDEN(sbi_batch_work_tet4, assembly->wide,
+          (int batch, const sbi_assembly *assembly, const sb_vec3 *x, sb_real *work), (batch, assembly, x, work))
 
 SBI_API sb_real sbi_batch_work(const sbi_assembly *assembly, const sb_vec3 *x, int begin, int end)
 {
@@ -899,8 +900,8 @@ SBI_FORCE_INLINE void sbi_batch_energies_lanes(int batch, const sbi_assembly *as
     else
         sbi_batch_energy_tet10(assembly, u, batch, energy);
 }
-SBI_WIDEN(sbi_batch_energies, (int batch, const sbi_assembly *assembly, const sb_vec3 *u, sb_real *energy),
-          (batch, assembly, u, energy))
+SBI_WIDEN(sbi_batch_energies, assembly->wide,
+          (int batch, const sbi_assembly *assembly, const sb_vec3 *u, sb_real *energy), (batch, assembly, u, energy))
 
 SBI_API sb_real sbi_batch_energy(const sbi_assembly *assembly, const sb_vec3 *u, int begin, int end)
 {
@@ -997,7 +998,7 @@ SBI_FORCE_INLINE void sbi_batch_rotate_cells_lanes(int batch, const sbi_assembly
     else
         sbi_batch_rotate(assembly, factors, batch, 10, 4);
 }
-SBI_WIDEN(sbi_batch_rotate_cells, (int batch, const sbi_assembly *assembly, const sb_real *factors),
+SBI_WIDEN(sbi_batch_rotate_cells, assembly->wide, (int batch, const sbi_assembly *assembly, const sb_real *factors),
           (batch, assembly, factors))
 
 static void sbi_batch_rotate_chunk(void *user, int chunk)

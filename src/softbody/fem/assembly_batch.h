@@ -16,7 +16,7 @@
 
 /* 1 when the batched loops can serve cells of this kind, if their materials are SB_COROTATED. */
 SBI_API int sbi_batch_fits(const sb_domain *domain);
-/* Takes the arrays of the batched loops from the arena; for domains that fit. */
+/* Takes the arrays of the batched loops from the arena and asks for what the processor has; for domains that fit. */
 SBI_API void sbi_batch_layout(sbi_assembly *assembly, const sb_domain *domain, int block_count, sbi_arena *arena);
 /* Copies the gradients into lanes. */
 SBI_API void sbi_batch_fill(sbi_assembly *assembly);
