@@ -419,18 +419,8 @@ static void test_edges(void)
 
 /* ---- organs of the shared folder whose mesh follows ---- */
 
-/* What is held is rigid, and bends a stiff wire by force: needles stay above that. */
-static int stays_free(const entry *e, sb_vec3 from, sb_vec3 to)
-{
-    sb_vec3 low, high;
-    sb_real least;
-    sb_mesh_bounds(&e->mesh, &low, &high);
-    least = low.z + REAL(0.2) * (high.z - low.z);
-    return from.z > least && to.z > least;
-}
-
 /* A wire of 0.5 to 1.5 mm, of nitinol or steel, at a random point of the skin at up to 80 degrees from its normal, half
- * of them with a bevel. NULL: it would come to what is held. */
+ * of them with a bevel. NULL: it would start inside. */
 static ndl_needle *make_wire(const entry *e, const sb_mesh *skin, const ndl_friction *f, unsigned long long *seed)
 {
     const int *n = skin->elements + 3 * (size_t)(check_random(seed) * skin->element_count);
@@ -457,8 +447,7 @@ static ndl_needle *make_wire(const entry *e, const sb_mesh *skin, const ndl_fric
     def.base = sb_v3_madd(at, REAL(-0.015), def.direction);
     ndl_rod_section_preset(steel ? NDL_STYLET_18G : NDL_NITINOL_083, &def.section);
     def.section.radius = REAL(radius);
-    if (!stays_free(e, at, sb_v3_madd(at, REAL(0.02), def.direction)) ||
-        ndl_needle_create(&def, &needle, NULL) != SB_OK)
+    if (ndl_needle_create(&def, &needle, NULL) != SB_OK)
         return NULL;
     return needle;
 }
@@ -522,7 +511,8 @@ static int run_wires(entry *e, int wanted, unsigned long long *seed)
 }
 
 /* CHECK_SLOW: 500 for each organ, or as many as it says. An entry that the mesh cannot have where the needle came in
- * drew the shaft there, by up to hundreds of newtons. */
+ * drew the shaft there, by up to hundreds of newtons; and where the lowest sixth is held, nodes on the needle's line
+ * were held as well: thousands. */
 static void test_meshed_organs(void)
 {
     static const char *const names[] = {"liver_a_tet4_2k", "cylinder_tet4",    "armadillo_tet4",

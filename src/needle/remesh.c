@@ -1142,7 +1142,9 @@ static void ndli_remesh_find_heirs(const ndl_remesh *r, int node, ndli_heirs *he
     }
 }
 
-/* Moved nodes first: where their motion comes from is named by the slots of before. */
+/* Moved nodes first: where their motion comes from is named by the slots of before. Nodes made are free, also between
+ * held ones: tissue gives way to a needle, and they must be able to move with its tip, or their tets get flat. Rigid
+ * about a stiff wire they made thousands of newtons. */
 static sb_result ndli_remesh_send_nodes(ndl_remesh *r, const ndli_topology_change *c, sb_body_change *to,
                                         sb_error *error)
 {
@@ -1162,8 +1164,8 @@ static sb_result ndli_remesh_send_nodes(ndl_remesh *r, const ndli_topology_chang
         }
         while (!c->nodes[plan].created)
             plan++;
-        result = sb_body_change_add_node(to, c->nodes[plan].X, c->nodes[plan].sources, c->nodes[plan].weights, 4, 0,
-                                         &slot, error);
+        result = sb_body_change_add_node(to, c->nodes[plan].X, c->nodes[plan].sources, c->nodes[plan].weights, 4,
+                                         SB_NODE_COPY, &slot, error);
         SB_ASSERT(result != SB_OK || slot == event);
         plan++;
     }
