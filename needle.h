@@ -1190,8 +1190,8 @@ typedef sb_real (*ndl_cutting)(void *user, sb_vec3 X, int region);
  * Which to take: NDL_EMBED, the default, wherever forces, bends or places matter, in soft tissue above all, in other
  * elements than tet4, in cut bodies, for needles close together. NDL_REMESH (what Chentanez 2010 has) where nodes are
  * wanted on the needle's line, or steps have to be cheap: it takes 0.6 times the time in a gel phantom of 24 x 24 x 3
- * cells. Of 200 needles into random ellipsoids none felt 0.05 N more than friction and cutting in any step, of 2,240
- * into six organs, whose lowest sixth is held, none three times them and 0.2 N unless its tip was stopped
+ * cells. Of 200 needles into random ellipsoids none felt 0.05 N more than friction and cutting in any step, of 2,240 into
+ * six organs, whose lowest sixth is held, none three times them and 0.2 N unless its tip was stopped
  * (ndl_step_info.blocked). Nearly along the skin needles may tear out (ndl_step_info.torn): of 60 wires of 1.8 mm at 63
  * to 86 degrees from its normal, in 14 kPa, 6 did so, with NDL_EMBED none. Markers of that phantom are off those of a
  * finer mesh by 0.107 mm with NDL_REMESH, 0.022 with NDL_EMBED (RMS; needle_phantom); lateral stiffness changes 1.9
@@ -12772,6 +12772,11 @@ NDLI_API int ndli_site_free_index(const struct ndli_site *site);
 /* Room for the nodes of all needles and so many more; 0: there is no memory. */
 NDLI_API int ndli_site_reserve(struct ndli_site *site, int more);
 
+/* ---- needle_read ---- */
+
+/* What a region does to a needle, or NULL. */
+NDLI_API const ndl_friction *ndli_needle_friction(const ndl_needle *needle, int region);
+
 /* ---- needle_sleeve ---- */
 
 /* Targets of the nodes in the sleeve, turn and feed of a substep of dt, which is `share` of what is left of the step.
@@ -12821,8 +12826,6 @@ NDLI_API double ndli_needle_share_to_edge(const ndl_needle *needle, double dt);
 
 /* ---- needle_resist ---- */
 
-/* What a region does to a needle, or NULL. */
-NDLI_API const ndl_friction *ndli_needle_friction(const ndl_needle *needle, int region);
 /* Force (N) to cut at X of a region, `table` its friction's. */
 NDLI_API double ndli_needle_cutting_at(const ndl_needle *needle, sb_vec3 X, int region, double table);
 
@@ -13221,6 +13224,12 @@ NDL_API int ndl_needle_tip_material(const ndl_needle *needle, sb_vec3 *X)
     else
         *X = needle->site->mesh->X[needle->path[needle->line.count - 1]];
     return 1;
+}
+
+NDLI_API const ndl_friction *ndli_needle_friction(const ndl_needle *needle, int region)
+{
+    int i = needle->friction_count == 1 ? 0 : region;
+    return i >= 0 && i < needle->friction_count ? needle->frictions + i : NULL;
 }
 
 /* ==== src/needle/needle_state.c ==== */
@@ -13967,13 +13976,35 @@ static double ndli_membrane_edge(const ndli_capsule *capsule, ndli_v3 X, ndli_v3
     return gone + most < length ? gone : length;
 }
 
+/* 1 when its sides are tissues that take different forces to cut. */
+static int ndli_membrane_is_between(const ndl_needle *needle, const ndl_membrane *membrane)
+{
+    const ndl_friction *a = ndli_needle_friction(needle, membrane->regions[0]);
+    const ndl_friction *b = ndli_needle_friction(needle, membrane->regions[1]);
+    return a && b && sb_abs(a->cutting - b->cutting) > 0;
+}
+
+/* The way at which the tip comes through its faces (m, a little past them); `length`: nowhere. */
+static double ndli_membrane_crossing(const ndli_capsule *capsule, ndli_v3 X, ndli_v3 way, double length)
+{
+    double thickness = (double)capsule->def.thickness, slack = ndli_membrane_slack * thickness;
+    sb_surface_hit hit;
+    if (!sb_surface_ray(capsule->surface, ndli_to(X), ndli_to(way), (sb_real)length, &hit))
+        return length;
+    return (double)hit.distance + ndli_membrane_most_past * thickness < length ? (double)hit.distance + slack : length;
+}
+
 /* Share of the way between two points of the material at which what membranes ask for changes, or a little more; 1:
  * nowhere but at its very end. */
 static double ndli_membrane_share(const ndl_needle *needle, ndli_v3 X, ndli_v3 way)
 {
     double length = ndli_norm(way), least = length;
-    for (int i = 0; i < needle->capsule_count && length > 0; i++)
-        least = fmin(least, ndli_membrane_edge(needle->capsules + i, X, way, length));
+    for (int i = 0; i < needle->capsule_count && length > 0; i++) {
+        const ndli_capsule *capsule = needle->capsules + i;
+        least = fmin(least, ndli_membrane_edge(capsule, X, way, length));
+        if (ndli_membrane_is_between(needle, &capsule->def))
+            least = fmin(least, ndli_membrane_crossing(capsule, X, way, length));
+    }
     return least < length ? least / length : 1;
 }
 
@@ -14028,7 +14059,10 @@ static double ndli_membrane_past_skin(const ndl_needle *needle)
 /* The same of a tip that was outside, and went `way` (m). */
 static double ndli_membrane_share_to_skin(const ndl_needle *needle, double way)
 {
-    double thickness = ndli_membrane_skin(needle), past = thickness < 0 ? 0 : ndli_membrane_past_skin(needle);
+    double thickness = ndli_membrane_skin(needle), past;
+    if (thickness < 0)
+        return 1;
+    past = ndli_membrane_past_skin(needle);
     return past > ndli_membrane_most_past * thickness && past < way ? 1 - (past - ndli_membrane_slack * thickness) / way
                                                                     : 1;
 }
@@ -14053,12 +14087,6 @@ NDLI_API double ndli_needle_share_to_edge(const ndl_needle *needle, double dt)
 #include <string.h>
 
 /* ---- friction ---- */
-
-NDLI_API const ndl_friction *ndli_needle_friction(const ndl_needle *needle, int region)
-{
-    int i = needle->friction_count == 1 ? 0 : region;
-    return i >= 0 && i < needle->friction_count ? needle->frictions + i : NULL;
-}
 
 /* Mean over the tets of a tissue node, by volume. */
 static void ndli_resist_at(const ndl_needle *needle, int node, double mean[5])
@@ -15948,7 +15976,8 @@ static double ndli_step_share_to_edge(const ndli_stepping *s, double dt)
  * equations, which fold a rod, or for the tissue is taken again a fourth as long; what follows it grows again. */
 enum { NDLI_STEP_EDGES = 12, NDLI_FINEST = 64 };
 typedef struct ndli_step_ends {
-    double edge; /* where the first tip comes to an edge of a membrane, as the last try has shown */
+    double edge;  /* where the first tip comes to an edge of a membrane, as the last try has shown */
+    double reach; /* times as far as a first try shows it: a tip that sticks before it jumps comes there later */
     int edge_count, substeps;
     int finer;     /* substeps end at multiples of 1/finer: a power of 4 up to NDLI_FINEST */
     int last_hope; /* 1: the shortest one failed; it is tried as a whole once more, and waited for */
@@ -16035,6 +16064,7 @@ static sb_result ndli_step_try_substep(ndli_stepping *s, double dt, ndli_step_en
                                        double *end)
 {
     ndl_step_info before = *s->info;
+    double reach = ends->reach;
     sb_result result = SB_OK;
     s->patience = ndli_step_patience(ends);
     while (result == SB_OK) {
@@ -16048,11 +16078,13 @@ static sb_result ndli_step_try_substep(ndli_stepping *s, double dt, ndli_step_en
             share = ndli_step_share_to_edge(s, length);
         if (result != SB_OK || !(share < 1))
             break;
-        ends->edge = t + share * (*end - t);
+        ends->edge = t + fmin(share * reach, 0.5 * (1 + share)) * (*end - t);
+        reach = 1;
         ends->edge_count++;
         ndli_step_forget(s->info, &before);
         result = ndli_needle_undo(s->site, kept, s->error);
     }
+    ends->reach *= *end >= ends->edge && ends->edge > t ? 2 : 1;
     return result == SB_OK ? ndli_step_end_substep(s) : result;
 }
 
@@ -16197,6 +16229,7 @@ static sb_result ndli_step_run(ndli_stepping *s, double dt, int substeps)
     memset(&ends, 0, sizeof ends);
     ends.substeps = substeps;
     ends.finer = 1;
+    ends.reach = 1;
     memset(s->info, 0, sizeof *s->info);
     s->info->consistent = 1;
     s->info->worst_quality = 1;

@@ -52,6 +52,9 @@ static void find_peaks(needle_scene *s, double speed, double dt, double peaks[2]
         double push;
         if (!needle_scene_run(s, dt, 1, needle_command(speed, 0)))
             return;
+        if (depth == 0 && s->needle_def.membrane_count == 1) /* there is no skin to come to */
+            CHECK(s->info.substeps <= 1 + (int)(speed * dt / 0.0025));
+        CHECK(s->info.substeps < 10); /* up to two edges for each membrane, and a try or two before each */
         push = (double)s->info.peak_base - 20 * depth;
         peaks[lower] = fmax(peaks[lower], push);
         (void)ndl_needle_tip_material(s->needles[0], &X);
@@ -94,6 +97,34 @@ static void test_oblique(void)
     static const double dts[] = {0.05, 0.02, 0.01, 0.005};
     for (int k = 0; k < check_rounds(12); k++)
         check_peaks(NDL_EMBED, 1, 9000 + (unsigned)k, dts[k % 4]);
+}
+
+/* Layers that take different forces to cut meet within the membrane: its peak is that of the harder one, whichever
+ * that is, however long the steps are. */
+static void test_between_layers(void)
+{
+    static const double dts[] = {0.05, 0.02, 0.005, 0.01};
+    for (int k = 0; k < check_rounds(16); k++) {
+        unsigned long long seed = 600 + (unsigned)(k / 2);
+        membrane_case c;
+        needle_scene s = membrane_scene(&c, NDL_EMBED, &seed);
+        double peaks[2], law;
+        s.frictions[0].cutting = REAL(check_random_in(&seed, 0.2, 1.5));
+        s.frictions[1].cutting = REAL(check_random_in(&seed, 0.2, 1.5));
+        c.membranes[1].thickness = REAL(check_random_in(&seed, 0.0002, 0.003));
+        if (k % 2)
+            tilt_needle(&s, &seed);
+        if (needle_scene_make(&s)) {
+            find_peaks(&s, c.speed, dts[k / 2 % 4], peaks);
+            law = fmax((double)s.frictions[0].cutting, (double)s.frictions[1].cutting);
+            law += (double)c.membranes[1].strength;
+            if (!CHECK_NEAR(peaks[1], law, 0.1 * law))
+                printf("    %g and %g N, %g mm, %g mm/s, dt %g ms\n", (double)s.frictions[0].cutting,
+                       (double)s.frictions[1].cutting, 1e3 * (double)c.membranes[1].thickness, 1e3 * c.speed,
+                       1e3 * dts[k / 2 % 4]);
+        }
+        needle_scene_free(&s);
+    }
 }
 
 static void test_remeshed(void)
@@ -214,6 +245,6 @@ static void test_two_needles(void)
     needle_scene_free(&s);
 }
 
-CHECK_SUITE(needle_membrane, {"embedded", test_embedded}, {"oblique", test_oblique}, {"remeshed", test_remeshed},
-            {"steps", test_steps}, {"whole steps", test_whole_steps}, {"no memory", test_memory},
-            {"two needles", test_two_needles});
+CHECK_SUITE(needle_membrane, {"embedded", test_embedded}, {"oblique", test_oblique},
+            {"between layers", test_between_layers}, {"remeshed", test_remeshed}, {"steps", test_steps},
+            {"whole steps", test_whole_steps}, {"no memory", test_memory}, {"two needles", test_two_needles});

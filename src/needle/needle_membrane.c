@@ -166,13 +166,35 @@ static double ndli_membrane_edge(const ndli_capsule *capsule, ndli_v3 X, ndli_v3
     return gone + most < length ? gone : length;
 }
 
+/* 1 when its sides are tissues that take different forces to cut. */
+static int ndli_membrane_is_between(const ndl_needle *needle, const ndl_membrane *membrane)
+{
+    const ndl_friction *a = ndli_needle_friction(needle, membrane->regions[0]);
+    const ndl_friction *b = ndli_needle_friction(needle, membrane->regions[1]);
+    return a && b && sb_abs(a->cutting - b->cutting) > 0;
+}
+
+/* The way at which the tip comes through its faces (m, a little past them); `length`: nowhere. */
+static double ndli_membrane_crossing(const ndli_capsule *capsule, ndli_v3 X, ndli_v3 way, double length)
+{
+    double thickness = (double)capsule->def.thickness, slack = ndli_membrane_slack * thickness;
+    sb_surface_hit hit;
+    if (!sb_surface_ray(capsule->surface, ndli_to(X), ndli_to(way), (sb_real)length, &hit))
+        return length;
+    return (double)hit.distance + ndli_membrane_most_past * thickness < length ? (double)hit.distance + slack : length;
+}
+
 /* Share of the way between two points of the material at which what membranes ask for changes, or a little more; 1:
  * nowhere but at its very end. */
 static double ndli_membrane_share(const ndl_needle *needle, ndli_v3 X, ndli_v3 way)
 {
     double length = ndli_norm(way), least = length;
-    for (int i = 0; i < needle->capsule_count && length > 0; i++)
-        least = fmin(least, ndli_membrane_edge(needle->capsules + i, X, way, length));
+    for (int i = 0; i < needle->capsule_count && length > 0; i++) {
+        const ndli_capsule *capsule = needle->capsules + i;
+        least = fmin(least, ndli_membrane_edge(capsule, X, way, length));
+        if (ndli_membrane_is_between(needle, &capsule->def))
+            least = fmin(least, ndli_membrane_crossing(capsule, X, way, length));
+    }
     return least < length ? least / length : 1;
 }
 
@@ -227,7 +249,10 @@ static double ndli_membrane_past_skin(const ndl_needle *needle)
 /* The same of a tip that was outside, and went `way` (m). */
 static double ndli_membrane_share_to_skin(const ndl_needle *needle, double way)
 {
-    double thickness = ndli_membrane_skin(needle), past = thickness < 0 ? 0 : ndli_membrane_past_skin(needle);
+    double thickness = ndli_membrane_skin(needle), past;
+    if (thickness < 0)
+        return 1;
+    past = ndli_membrane_past_skin(needle);
     return past > ndli_membrane_most_past * thickness && past < way ? 1 - (past - ndli_membrane_slack * thickness) / way
                                                                     : 1;
 }

@@ -144,6 +144,11 @@ NDLI_API int ndli_site_free_index(const struct ndli_site *site);
 /* Room for the nodes of all needles and so many more; 0: there is no memory. */
 NDLI_API int ndli_site_reserve(struct ndli_site *site, int more);
 
+/* ---- needle_read ---- */
+
+/* What a region does to a needle, or NULL. */
+NDLI_API const ndl_friction *ndli_needle_friction(const ndl_needle *needle, int region);
+
 /* ---- needle_sleeve ---- */
 
 /* Targets of the nodes in the sleeve, turn and feed of a substep of dt, which is `share` of what is left of the step.
@@ -193,8 +198,6 @@ NDLI_API double ndli_needle_share_to_edge(const ndl_needle *needle, double dt);
 
 /* ---- needle_resist ---- */
 
-/* What a region does to a needle, or NULL. */
-NDLI_API const ndl_friction *ndli_needle_friction(const ndl_needle *needle, int region);
 /* Force (N) to cut at X of a region, `table` its friction's. */
 NDLI_API double ndli_needle_cutting_at(const ndl_needle *needle, sb_vec3 X, int region, double table);
 

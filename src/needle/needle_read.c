@@ -93,3 +93,9 @@ NDL_API int ndl_needle_tip_material(const ndl_needle *needle, sb_vec3 *X)
         *X = needle->site->mesh->X[needle->path[needle->line.count - 1]];
     return 1;
 }
+
+NDLI_API const ndl_friction *ndli_needle_friction(const ndl_needle *needle, int region)
+{
+    int i = needle->friction_count == 1 ? 0 : region;
+    return i >= 0 && i < needle->friction_count ? needle->frictions + i : NULL;
+}

@@ -5,12 +5,6 @@
 
 /* ---- friction ---- */
 
-NDLI_API const ndl_friction *ndli_needle_friction(const ndl_needle *needle, int region)
-{
-    int i = needle->friction_count == 1 ? 0 : region;
-    return i >= 0 && i < needle->friction_count ? needle->frictions + i : NULL;
-}
-
 /* Mean over the tets of a tissue node, by volume. */
 static void ndli_resist_at(const ndl_needle *needle, int node, double mean[5])
 {

@@ -272,7 +272,8 @@ static double ndli_step_share_to_edge(const ndli_stepping *s, double dt)
  * equations, which fold a rod, or for the tissue is taken again a fourth as long; what follows it grows again. */
 enum { NDLI_STEP_EDGES = 12, NDLI_FINEST = 64 };
 typedef struct ndli_step_ends {
-    double edge; /* where the first tip comes to an edge of a membrane, as the last try has shown */
+    double edge;  /* where the first tip comes to an edge of a membrane, as the last try has shown */
+    double reach; /* times as far as a first try shows it: a tip that sticks before it jumps comes there later */
     int edge_count, substeps;
     int finer;     /* substeps end at multiples of 1/finer: a power of 4 up to NDLI_FINEST */
     int last_hope; /* 1: the shortest one failed; it is tried as a whole once more, and waited for */
@@ -359,6 +360,7 @@ static sb_result ndli_step_try_substep(ndli_stepping *s, double dt, ndli_step_en
                                        double *end)
 {
     ndl_step_info before = *s->info;
+    double reach = ends->reach;
     sb_result result = SB_OK;
     s->patience = ndli_step_patience(ends);
     while (result == SB_OK) {
@@ -372,11 +374,13 @@ static sb_result ndli_step_try_substep(ndli_stepping *s, double dt, ndli_step_en
             share = ndli_step_share_to_edge(s, length);
         if (result != SB_OK || !(share < 1))
             break;
-        ends->edge = t + share * (*end - t);
+        ends->edge = t + fmin(share * reach, 0.5 * (1 + share)) * (*end - t);
+        reach = 1;
         ends->edge_count++;
         ndli_step_forget(s->info, &before);
         result = ndli_needle_undo(s->site, kept, s->error);
     }
+    ends->reach *= *end >= ends->edge && ends->edge > t ? 2 : 1;
     return result == SB_OK ? ndli_step_end_substep(s) : result;
 }
 
@@ -521,6 +525,7 @@ static sb_result ndli_step_run(ndli_stepping *s, double dt, int substeps)
     memset(&ends, 0, sizeof ends);
     ends.substeps = substeps;
     ends.finer = 1;
+    ends.reach = 1;
     memset(s->info, 0, sizeof *s->info);
     s->info->consistent = 1;
     s->info->worst_quality = 1;
