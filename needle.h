@@ -1168,8 +1168,8 @@ typedef struct ndl_friction {
     sb_real twist_friction;  /* up to this torque, N m per m of shaft. Both 0: the needle turns freely */
 } ndl_friction;
 
-/* A face between regions, as of a capsule, which must be punctured: the tip needs `strength` beside the region's
- * cutting force while it is within half of `thickness` of that face (in the undeformed tissue), and none beyond. A step
+/* A face between regions, as of a capsule, which must be punctured: the tip needs `strength` beside the cutting force
+ * of the harder of its regions while it is within half of `thickness` of that face (in the undeformed tissue). A step
  * is divided where a tip comes into that or out of it, so that what a hand feels hardly depends on dt and speed: of 100
  * random needles at up to 40 degrees, 5 to 100 mm/s and dt 5 to 50 ms all peaks were within 10 % of strength, cutting
  * and friction. With NDL_REMESH the mesh may add to that (1 of 60: 7 N), and at a skin it does. */
@@ -1190,8 +1190,8 @@ typedef sb_real (*ndl_cutting)(void *user, sb_vec3 X, int region);
  * Which to take: NDL_EMBED, the default, wherever forces, bends or places matter, in soft tissue above all, in other
  * elements than tet4, in cut bodies, for needles close together. NDL_REMESH (what Chentanez 2010 has) where nodes are
  * wanted on the needle's line, or steps have to be cheap: it takes 0.6 times the time in a gel phantom of 24 x 24 x 3
- * cells. Of 200 needles into random ellipsoids none felt 0.05 N more than friction and cutting in any step, of 2,240 into
- * six organs, whose lowest sixth is held, none three times them and 0.2 N unless its tip was stopped
+ * cells. Of 200 needles into random ellipsoids none felt 0.05 N more than friction and cutting in any step, of 2,240
+ * into six organs, whose lowest sixth is held, none three times them and 0.2 N unless its tip was stopped
  * (ndl_step_info.blocked). Nearly along the skin needles may tear out (ndl_step_info.torn): of 60 wires of 1.8 mm at 63
  * to 86 degrees from its normal, in 14 kPa, 6 did so, with NDL_EMBED none. Markers of that phantom are off those of a
  * finer mesh by 0.107 mm with NDL_REMESH, 0.022 with NDL_EMBED (RMS; needle_phantom); lateral stiffness changes 1.9
@@ -11405,6 +11405,7 @@ struct ndli_hold {
     int count;                        /* 0: nothing holds it */
     int places[SB_MAX_ELEMENT_NODES]; /* of its nodes in the guest's list */
     double weights[SB_MAX_ELEMENT_NODES];
+    double length;        /* m of shaft that counts with it */
     double across, along; /* k, k' (N/m) */
     ndli_v3 tangent;
     ndli_v3 offset; /* s at the start of the step (m) */
@@ -12817,8 +12818,8 @@ NDLI_API double ndli_held_wave(double bending, double radius, double young, doub
 
 /* 0: a membrane between regions that do not meet (*bad is its number), or no memory (*bad -1). */
 NDLI_API int ndli_needle_make_capsules(ndl_needle *needle, const ndl_membrane *membranes, int count, int *bad);
-/* What they add (N) to what cutting at X takes. */
-NDLI_API double ndli_needle_membranes_at(const ndl_needle *needle, sb_vec3 X);
+/* What cutting at X takes (N), where the tissue takes `tissue`. */
+NDLI_API double ndli_needle_cut_membranes(const ndl_needle *needle, sb_vec3 X, double tissue);
 /* Share of a substep of dt (s) at which the tip comes to where what they add changes, or a little more; 1: nowhere but
  * at its very end. Of one that is solved, with the rod moved, before the tip is followed: there the body's mesh is
  * still what it was. */
@@ -13943,13 +13944,28 @@ static double ndli_membrane_clearance(const ndli_capsule *capsule, ndli_v3 X, do
     return (double)hit.distance - half;
 }
 
-NDLI_API double ndli_needle_membranes_at(const ndl_needle *needle, sb_vec3 X)
+/* What cutting the harder of a membrane's tissues takes (N). */
+static double ndli_membrane_harder(const ndl_needle *needle, const ndl_membrane *membrane)
+{
+    double most = 0;
+    for (int side = 0; side < 2; side++) {
+        const ndl_friction *friction = ndli_needle_friction(needle, membrane->regions[side]);
+        most = fmax(most, friction ? (double)friction->cutting : 0);
+    }
+    return most;
+}
+
+NDLI_API double ndli_needle_cut_membranes(const ndl_needle *needle, sb_vec3 X, double tissue)
 {
     double sum = 0;
-    for (int i = 0; i < needle->capsule_count; i++)
-        if (sb_surface_closest(needle->capsules[i].surface, X, needle->capsules[i].def.thickness / 2, NULL))
-            sum += (double)needle->capsules[i].def.strength;
-    return sum;
+    for (int i = 0; i < needle->capsule_count; i++) {
+        const ndl_membrane *membrane = &needle->capsules[i].def;
+        if (!sb_surface_closest(needle->capsules[i].surface, X, membrane->thickness / 2, NULL))
+            continue;
+        sum += (double)membrane->strength;
+        tissue = fmax(tissue, ndli_membrane_harder(needle, membrane));
+    }
+    return sum + tissue;
 }
 
 /* Of a membrane's thickness, or of the way where that is much longer: how far past the edge of one a tip may be found.
@@ -13976,35 +13992,13 @@ static double ndli_membrane_edge(const ndli_capsule *capsule, ndli_v3 X, ndli_v3
     return gone + most < length ? gone : length;
 }
 
-/* 1 when its sides are tissues that take different forces to cut. */
-static int ndli_membrane_is_between(const ndl_needle *needle, const ndl_membrane *membrane)
-{
-    const ndl_friction *a = ndli_needle_friction(needle, membrane->regions[0]);
-    const ndl_friction *b = ndli_needle_friction(needle, membrane->regions[1]);
-    return a && b && sb_abs(a->cutting - b->cutting) > 0;
-}
-
-/* The way at which the tip comes through its faces (m, a little past them); `length`: nowhere. */
-static double ndli_membrane_crossing(const ndli_capsule *capsule, ndli_v3 X, ndli_v3 way, double length)
-{
-    double thickness = (double)capsule->def.thickness, slack = ndli_membrane_slack * thickness;
-    sb_surface_hit hit;
-    if (!sb_surface_ray(capsule->surface, ndli_to(X), ndli_to(way), (sb_real)length, &hit))
-        return length;
-    return (double)hit.distance + ndli_membrane_most_past * thickness < length ? (double)hit.distance + slack : length;
-}
-
 /* Share of the way between two points of the material at which what membranes ask for changes, or a little more; 1:
  * nowhere but at its very end. */
 static double ndli_membrane_share(const ndl_needle *needle, ndli_v3 X, ndli_v3 way)
 {
     double length = ndli_norm(way), least = length;
-    for (int i = 0; i < needle->capsule_count && length > 0; i++) {
-        const ndli_capsule *capsule = needle->capsules + i;
-        least = fmin(least, ndli_membrane_edge(capsule, X, way, length));
-        if (ndli_membrane_is_between(needle, &capsule->def))
-            least = fmin(least, ndli_membrane_crossing(capsule, X, way, length));
-    }
+    for (int i = 0; i < needle->capsule_count && length > 0; i++)
+        least = fmin(least, ndli_membrane_edge(needle->capsules + i, X, way, length));
     return least < length ? least / length : 1;
 }
 
@@ -14138,7 +14132,7 @@ NDLI_API double ndli_needle_cutting_at(const ndl_needle *needle, sb_vec3 X, int 
         sb_real force = needle->cutting_at(needle->cutting_user, X, region);
         return force > 0 && sb_is_finite(force) ? (double)force : 0;
     }
-    return table + ndli_needle_membranes_at(needle, X);
+    return ndli_needle_cut_membranes(needle, X, table);
 }
 
 static double ndli_resist_cutting(const ndl_needle *needle, int tip, double table)
@@ -14462,6 +14456,13 @@ static double ndli_held_overrun(const ndl_needle *needle, int i, const ndli_held
     return fmax(0, wound - slack - room);
 }
 
+/* N/m along hold i, `length` of shaft. */
+static double ndli_held_stiffness(const ndl_needle *needle, int i, double length, const ndli_held_tissue *tissue)
+{
+    int is_tip = i == ndli_line_foremost(&needle->line);
+    return length * ndli_held_along(tissue) + (is_tip ? ndli_held_tip(needle, tissue) : 0);
+}
+
 /* Hold i where it is now, `length` of shaft; *spot: where its material is. */
 static void ndli_held_make(ndl_needle *needle, int i, double length, ndli_held_spot *spot)
 {
@@ -14481,8 +14482,9 @@ static void ndli_held_make(ndl_needle *needle, int i, double length, ndli_held_s
     tissue = ndli_held_get_tissue(needle, spot->place.element, &spot->row);
     hold->offset =
         ndli_madd(hold->offset, -ndli_held_overrun(needle, i, spot, hold->tangent, hold->offset), hold->tangent);
+    hold->length = length;
     hold->across = length * ndli_held_across(&tissue);
-    hold->along = length * ndli_held_along(&tissue) + (is_tip ? ndli_held_tip(needle, &tissue) : 0);
+    hold->along = ndli_held_stiffness(needle, i, length, &tissue);
 }
 
 NDLI_API void ndli_held_forget(struct ndli_site *site)
@@ -14759,18 +14761,44 @@ static void ndli_held_count(ndl_needle *needle)
     ndli_held_measure_entering(needle);
 }
 
+/* How far hold i is ahead of its material (m), or behind, only because it has slipped into stiffer tissue, to an arc:
+ * there the force that holds it takes less of a way, and by the rest it has gone on, too. Taken for a slip of the next
+ * step that would be as fast as the step is short, and viscosity made a force of it (0.8 N at a prostate's capsule). */
+static double ndli_held_excess(const ndl_needle *needle, int i, double arc)
+{
+    const struct ndli_hold *hold = needle->line.holds + i;
+    ndli_held_spot spot;
+    ndli_held_tissue tissue;
+    double ahead, along;
+    if (hold->count == 0 || needle->line.state[i] == NDL_STATIC || !ndli_held_find(needle, arc, &spot))
+        return 0;
+    tissue = ndli_held_get_tissue(needle, spot.place.element, &spot.row);
+    along = ndli_held_stiffness(needle, i, hold->length, &tissue);
+    ahead = ndli_dot(hold->tangent, ndli_sub(ndli_held_place(needle, i), ndli_bed_at(&needle->site->bed, &spot.row)));
+    return ahead * needle->line.slip[i] > 0 ? ahead * fmax(0, 1 - hold->along / along) : 0;
+}
+
+/* The tip goes on by `advance` (m, > 0). */
+static void ndli_held_go_on(ndl_needle *needle, double advance)
+{
+    double excess;
+    ndli_held_cut(needle, advance);
+    excess = ndli_held_excess(needle, ndli_line_foremost(&needle->line), ndli_track_length(&needle->track));
+    if (excess > 0)
+        ndli_held_cut(needle, excess);
+}
+
 /* Nodes come to where they have slipped to; none passes the next. */
 static void ndli_held_slip(ndl_needle *needle)
 {
     const ndli_line *line = &needle->line;
     int last = ndli_line_foremost(line);
-    double tip = ndli_track_length(&needle->track);
-    for (int i = last; i >= line->first; i--) {
-        double most = i == last ? tip : ndli_held_most_arc(needle, i);
-        double slip = line->slip[i] / needle->stretch[i], arc = i == last ? tip : needle->arc[i];
-        if (i < last && !ndli_held_is_between_lips(needle, i, slip))
-            arc += slip;
-        needle->arc[i] = fmin(arc, most);
+    needle->arc[last] = ndli_track_length(&needle->track);
+    for (int i = last - 1; i >= line->first; i--) {
+        double slip = line->slip[i] / needle->stretch[i];
+        if (!ndli_held_is_between_lips(needle, i, slip))
+            needle->arc[i] += slip + ndli_held_excess(needle, i, needle->arc[i] + slip) / needle->stretch[i];
+        needle->arc[i] = fmin(needle->arc[i], ndli_held_most_arc(needle, i));
     }
 }
 
@@ -14875,7 +14903,7 @@ NDLI_API void ndli_held_follow_tip(ndl_needle *needle)
     needle->advance = line->slip[last];
     back = needle->arc[last] + needle->advance / needle->stretch[last];
     if (needle->advance > 0)
-        ndli_held_cut(needle, needle->advance);
+        ndli_held_go_on(needle, needle->advance);
     else if (needle->advance < 0)
         ndli_held_draw_back(needle, back);
     if (!(back > 0) && needle->advance < 0) {

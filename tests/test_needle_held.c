@@ -949,6 +949,47 @@ static void test_random_use(void)
     }
 }
 
+/* From soft into stiffer tissue, or out of it, at any step: what the tip is ahead of the tissue there is less, which is
+ * no fast slip that viscosity would make a force of. What is felt is cutting and friction. */
+static void test_stiffer(void)
+{
+    static const double dts[] = {0.02, 0.001, 0.005, 0.05};
+    for (int k = 0; k < check_rounds(8); k++) {
+        unsigned long long seed = 4100 + (unsigned)k;
+        needle_scene s = needle_scene_default();
+        double step = dts[k % 4], pace = check_random_in(&seed, 0.005, 0.03), most = 0, law;
+        sb_vec3 X = sb_v3(0, 0, 1);
+        double soft = check_random_in(&seed, 5e3, 1.5e4), stiff = soft * check_random_in(&seed, 4, 15);
+        s.layered = 1;
+        s.body_def.slack = 0;
+        s.needle_def.follow = NDL_EMBED;
+        s.materials[k / 4 % 2].young = REAL(soft);
+        s.materials[1 - k / 4 % 2].young = REAL(stiff);
+        for (int i = 0; i < 2; i++) {
+            s.frictions[i].friction = 20;
+            s.frictions[i].viscous = REAL(check_random_in(&seed, 20, 100));
+            s.frictions[i].cutting = REAL(check_random_in(&seed, 0.1, 0.4));
+        }
+        s.needle_def.length = REAL(0.07);
+        s.needle_def.base.z = REAL(0.111);
+        if (needle_scene_make(&s))
+            for (double gone = 0;
+                 gone < 0.036 && X.z > REAL(0.012) && needle_scene_run(&s, step, 1, needle_command(pace, 0));
+                 gone += pace * step) {
+                double depth = (double)ndl_needle_depth(s.needles[0]);
+                most = fmax(most, (double)s.info.peak_base - depth * (20 + 100 * pace));
+                if (depth > 0)
+                    (void)ndl_needle_tip_material(s.needles[0], &X);
+            }
+        law = fmax((double)s.frictions[0].cutting, (double)s.frictions[1].cutting);
+        if (!CHECK(most < 1.1 * law))
+            printf("    %g N, not %g: from %g Pa into %g, %g mm/s, dt %g ms\n", most, law, (double)s.materials[0].young,
+                   (double)s.materials[1].young, 1e3 * pace, 1e3 * step);
+        CHECK(X.z < REAL(0.02)); /* it has come through */
+        needle_scene_free(&s);
+    }
+}
+
 CHECK_SUITE(needle_held, {"law", test_law}, {"stiffness", test_stiffness}, {"drawn back", test_drawn_back},
             {"neighbours", test_neighbours}, {"template", test_template}, {"balance", test_balance},
             {"membranes", test_membranes}, {"way", test_way}, {"tiny steps", test_tiny_steps},
@@ -960,4 +1001,4 @@ CHECK_SUITE(needle_held, {"law", test_law}, {"stiffness", test_stiffness}, {"dra
             {"ablation", test_ablation}, {"holes", test_holes}, {"holes in the far side", test_holes_out},
             {"viscous friction", test_viscous}, {"soft tissue's states", test_states_in_soft_tissue},
             {"bad definitions", test_bad_definitions}, {"memory", test_memory}, {"far side", test_far_side},
-            {"random use", test_random_use});
+            {"random use", test_random_use}, {"stiffer tissue", test_stiffer});

@@ -23,6 +23,7 @@ struct ndli_hold {
     int count;                        /* 0: nothing holds it */
     int places[SB_MAX_ELEMENT_NODES]; /* of its nodes in the guest's list */
     double weights[SB_MAX_ELEMENT_NODES];
+    double length;        /* m of shaft that counts with it */
     double across, along; /* k, k' (N/m) */
     ndli_v3 tangent;
     ndli_v3 offset; /* s at the start of the step (m) */

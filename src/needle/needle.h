@@ -32,8 +32,8 @@ typedef struct ndl_friction {
     sb_real twist_friction;  /* up to this torque, N m per m of shaft. Both 0: the needle turns freely */
 } ndl_friction;
 
-/* A face between regions, as of a capsule, which must be punctured: the tip needs `strength` beside the region's
- * cutting force while it is within half of `thickness` of that face (in the undeformed tissue), and none beyond. A step
+/* A face between regions, as of a capsule, which must be punctured: the tip needs `strength` beside the cutting force
+ * of the harder of its regions while it is within half of `thickness` of that face (in the undeformed tissue). A step
  * is divided where a tip comes into that or out of it, so that what a hand feels hardly depends on dt and speed: of 100
  * random needles at up to 40 degrees, 5 to 100 mm/s and dt 5 to 50 ms all peaks were within 10 % of strength, cutting
  * and friction. With NDL_REMESH the mesh may add to that (1 of 60: 7 N), and at a skin it does. */

@@ -253,6 +253,13 @@ static double ndli_held_overrun(const ndl_needle *needle, int i, const ndli_held
     return fmax(0, wound - slack - room);
 }
 
+/* N/m along hold i, `length` of shaft. */
+static double ndli_held_stiffness(const ndl_needle *needle, int i, double length, const ndli_held_tissue *tissue)
+{
+    int is_tip = i == ndli_line_foremost(&needle->line);
+    return length * ndli_held_along(tissue) + (is_tip ? ndli_held_tip(needle, tissue) : 0);
+}
+
 /* Hold i where it is now, `length` of shaft; *spot: where its material is. */
 static void ndli_held_make(ndl_needle *needle, int i, double length, ndli_held_spot *spot)
 {
@@ -272,8 +279,9 @@ static void ndli_held_make(ndl_needle *needle, int i, double length, ndli_held_s
     tissue = ndli_held_get_tissue(needle, spot->place.element, &spot->row);
     hold->offset =
         ndli_madd(hold->offset, -ndli_held_overrun(needle, i, spot, hold->tangent, hold->offset), hold->tangent);
+    hold->length = length;
     hold->across = length * ndli_held_across(&tissue);
-    hold->along = length * ndli_held_along(&tissue) + (is_tip ? ndli_held_tip(needle, &tissue) : 0);
+    hold->along = ndli_held_stiffness(needle, i, length, &tissue);
 }
 
 NDLI_API void ndli_held_forget(struct ndli_site *site)
@@ -550,18 +558,44 @@ static void ndli_held_count(ndl_needle *needle)
     ndli_held_measure_entering(needle);
 }
 
+/* How far hold i is ahead of its material (m), or behind, only because it has slipped into stiffer tissue, to an arc:
+ * there the force that holds it takes less of a way, and by the rest it has gone on, too. Taken for a slip of the next
+ * step that would be as fast as the step is short, and viscosity made a force of it (0.8 N at a prostate's capsule). */
+static double ndli_held_excess(const ndl_needle *needle, int i, double arc)
+{
+    const struct ndli_hold *hold = needle->line.holds + i;
+    ndli_held_spot spot;
+    ndli_held_tissue tissue;
+    double ahead, along;
+    if (hold->count == 0 || needle->line.state[i] == NDL_STATIC || !ndli_held_find(needle, arc, &spot))
+        return 0;
+    tissue = ndli_held_get_tissue(needle, spot.place.element, &spot.row);
+    along = ndli_held_stiffness(needle, i, hold->length, &tissue);
+    ahead = ndli_dot(hold->tangent, ndli_sub(ndli_held_place(needle, i), ndli_bed_at(&needle->site->bed, &spot.row)));
+    return ahead * needle->line.slip[i] > 0 ? ahead * fmax(0, 1 - hold->along / along) : 0;
+}
+
+/* The tip goes on by `advance` (m, > 0). */
+static void ndli_held_go_on(ndl_needle *needle, double advance)
+{
+    double excess;
+    ndli_held_cut(needle, advance);
+    excess = ndli_held_excess(needle, ndli_line_foremost(&needle->line), ndli_track_length(&needle->track));
+    if (excess > 0)
+        ndli_held_cut(needle, excess);
+}
+
 /* Nodes come to where they have slipped to; none passes the next. */
 static void ndli_held_slip(ndl_needle *needle)
 {
     const ndli_line *line = &needle->line;
     int last = ndli_line_foremost(line);
-    double tip = ndli_track_length(&needle->track);
-    for (int i = last; i >= line->first; i--) {
-        double most = i == last ? tip : ndli_held_most_arc(needle, i);
-        double slip = line->slip[i] / needle->stretch[i], arc = i == last ? tip : needle->arc[i];
-        if (i < last && !ndli_held_is_between_lips(needle, i, slip))
-            arc += slip;
-        needle->arc[i] = fmin(arc, most);
+    needle->arc[last] = ndli_track_length(&needle->track);
+    for (int i = last - 1; i >= line->first; i--) {
+        double slip = line->slip[i] / needle->stretch[i];
+        if (!ndli_held_is_between_lips(needle, i, slip))
+            needle->arc[i] += slip + ndli_held_excess(needle, i, needle->arc[i] + slip) / needle->stretch[i];
+        needle->arc[i] = fmin(needle->arc[i], ndli_held_most_arc(needle, i));
     }
 }
 
@@ -666,7 +700,7 @@ NDLI_API void ndli_held_follow_tip(ndl_needle *needle)
     needle->advance = line->slip[last];
     back = needle->arc[last] + needle->advance / needle->stretch[last];
     if (needle->advance > 0)
-        ndli_held_cut(needle, needle->advance);
+        ndli_held_go_on(needle, needle->advance);
     else if (needle->advance < 0)
         ndli_held_draw_back(needle, back);
     if (!(back > 0) && needle->advance < 0) {

@@ -133,13 +133,28 @@ static double ndli_membrane_clearance(const ndli_capsule *capsule, ndli_v3 X, do
     return (double)hit.distance - half;
 }
 
-NDLI_API double ndli_needle_membranes_at(const ndl_needle *needle, sb_vec3 X)
+/* What cutting the harder of a membrane's tissues takes (N). */
+static double ndli_membrane_harder(const ndl_needle *needle, const ndl_membrane *membrane)
+{
+    double most = 0;
+    for (int side = 0; side < 2; side++) {
+        const ndl_friction *friction = ndli_needle_friction(needle, membrane->regions[side]);
+        most = fmax(most, friction ? (double)friction->cutting : 0);
+    }
+    return most;
+}
+
+NDLI_API double ndli_needle_cut_membranes(const ndl_needle *needle, sb_vec3 X, double tissue)
 {
     double sum = 0;
-    for (int i = 0; i < needle->capsule_count; i++)
-        if (sb_surface_closest(needle->capsules[i].surface, X, needle->capsules[i].def.thickness / 2, NULL))
-            sum += (double)needle->capsules[i].def.strength;
-    return sum;
+    for (int i = 0; i < needle->capsule_count; i++) {
+        const ndl_membrane *membrane = &needle->capsules[i].def;
+        if (!sb_surface_closest(needle->capsules[i].surface, X, membrane->thickness / 2, NULL))
+            continue;
+        sum += (double)membrane->strength;
+        tissue = fmax(tissue, ndli_membrane_harder(needle, membrane));
+    }
+    return sum + tissue;
 }
 
 /* Of a membrane's thickness, or of the way where that is much longer: how far past the edge of one a tip may be found.
@@ -166,35 +181,13 @@ static double ndli_membrane_edge(const ndli_capsule *capsule, ndli_v3 X, ndli_v3
     return gone + most < length ? gone : length;
 }
 
-/* 1 when its sides are tissues that take different forces to cut. */
-static int ndli_membrane_is_between(const ndl_needle *needle, const ndl_membrane *membrane)
-{
-    const ndl_friction *a = ndli_needle_friction(needle, membrane->regions[0]);
-    const ndl_friction *b = ndli_needle_friction(needle, membrane->regions[1]);
-    return a && b && sb_abs(a->cutting - b->cutting) > 0;
-}
-
-/* The way at which the tip comes through its faces (m, a little past them); `length`: nowhere. */
-static double ndli_membrane_crossing(const ndli_capsule *capsule, ndli_v3 X, ndli_v3 way, double length)
-{
-    double thickness = (double)capsule->def.thickness, slack = ndli_membrane_slack * thickness;
-    sb_surface_hit hit;
-    if (!sb_surface_ray(capsule->surface, ndli_to(X), ndli_to(way), (sb_real)length, &hit))
-        return length;
-    return (double)hit.distance + ndli_membrane_most_past * thickness < length ? (double)hit.distance + slack : length;
-}
-
 /* Share of the way between two points of the material at which what membranes ask for changes, or a little more; 1:
  * nowhere but at its very end. */
 static double ndli_membrane_share(const ndl_needle *needle, ndli_v3 X, ndli_v3 way)
 {
     double length = ndli_norm(way), least = length;
-    for (int i = 0; i < needle->capsule_count && length > 0; i++) {
-        const ndli_capsule *capsule = needle->capsules + i;
-        least = fmin(least, ndli_membrane_edge(capsule, X, way, length));
-        if (ndli_membrane_is_between(needle, &capsule->def))
-            least = fmin(least, ndli_membrane_crossing(capsule, X, way, length));
-    }
+    for (int i = 0; i < needle->capsule_count && length > 0; i++)
+        least = fmin(least, ndli_membrane_edge(needle->capsules + i, X, way, length));
     return least < length ? least / length : 1;
 }
 

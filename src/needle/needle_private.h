@@ -189,8 +189,8 @@ NDLI_API double ndli_held_wave(double bending, double radius, double young, doub
 
 /* 0: a membrane between regions that do not meet (*bad is its number), or no memory (*bad -1). */
 NDLI_API int ndli_needle_make_capsules(ndl_needle *needle, const ndl_membrane *membranes, int count, int *bad);
-/* What they add (N) to what cutting at X takes. */
-NDLI_API double ndli_needle_membranes_at(const ndl_needle *needle, sb_vec3 X);
+/* What cutting at X takes (N), where the tissue takes `tissue`. */
+NDLI_API double ndli_needle_cut_membranes(const ndl_needle *needle, sb_vec3 X, double tissue);
 /* Share of a substep of dt (s) at which the tip comes to where what they add changes, or a little more; 1: nowhere but
  * at its very end. Of one that is solved, with the rod moved, before the tip is followed: there the body's mesh is
  * still what it was. */

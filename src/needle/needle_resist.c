@@ -55,7 +55,7 @@ NDLI_API double ndli_needle_cutting_at(const ndl_needle *needle, sb_vec3 X, int 
         sb_real force = needle->cutting_at(needle->cutting_user, X, region);
         return force > 0 && sb_is_finite(force) ? (double)force : 0;
     }
-    return table + ndli_needle_membranes_at(needle, X);
+    return ndli_needle_cut_membranes(needle, X, table);
 }
 
 static double ndli_resist_cutting(const ndl_needle *needle, int tip, double table)
