@@ -694,6 +694,33 @@ static void test_refusals(void)
     free_block(&made);
 }
 
+/* A body's first solve and those after it take nothing from the body's allocator either. */
+static void test_no_memory(void)
+{
+    block made;
+    scene_memory memory = {0, 0, 0, 0};
+    if (make_block(&made, SB_TET4, sb_material_neo_hookean(1000, REAL(0.3), 1000), 1, no_jobs())) {
+        sb_body_def body = sb_default_body_def();
+        reg_match_def def;
+        reg_match *match = NULL;
+        body.mesh = &made.mesh;
+        body.material = sb_material_neo_hookean(1000, REAL(0.3), 1000);
+        body.allocator = scene_allocator(&memory);
+        sb_body_destroy(made.body);
+        made.body = scene_body(&body);
+        def = def_of(&made);
+        if (made.body && CHECK_OK(reg_match_create(&def, &match, NULL))) {
+            int calls = memory.calls;
+            for (int step = 0; step < 3; step++)
+                CHECK_OK(reg_match_step(match, NULL));
+            CHECK_INT(memory.calls, calls);
+        }
+        reg_match_destroy(match);
+    }
+    free_block(&made);
+    CHECK_INT(memory.live, 0);
+}
+
 static void test_memory(void)
 {
     block made;
@@ -822,5 +849,5 @@ CHECK_SUITE(match, {"element types", test_types}, {"materials", test_materials},
             {"threads", test_threads}, {"samples", test_samples}, {"loaded bodies", test_loaded},
             {"targets that are hardly any", test_odd_targets}, {"a collapse", test_collapse},
             {"a mesh that changed", test_changed_mesh}, {"refusals", test_refusals},
-            {"failing allocations", test_memory}, {"livers, whole surfaces", test_livers},
-            {"livers, partial surfaces", test_partial_livers});
+            {"failing allocations", test_memory}, {"no memory", test_no_memory},
+            {"livers, whole surfaces", test_livers}, {"livers, partial surfaces", test_partial_livers});

@@ -897,6 +897,33 @@ static void test_refusals(void)
     free_block(&made);
 }
 
+/* A body's first solve and those after it take nothing from the body's allocator either. */
+static void test_no_memory(void)
+{
+    block made;
+    scene_memory memory = {0, 0, 0, 0};
+    if (make_block(&made, SB_TET4, sb_material_neo_hookean(1000, REAL(0.3), 1000), 1, no_jobs())) {
+        sb_body_def body = sb_default_body_def();
+        reg_nicp_def def;
+        reg_nicp *nicp = NULL;
+        body.mesh = &made.mesh;
+        body.material = sb_material_neo_hookean(1000, REAL(0.3), 1000);
+        body.allocator = scene_allocator(&memory);
+        sb_body_destroy(made.body);
+        made.body = scene_body(&body);
+        def = def_of(&made);
+        if (made.body && CHECK_OK(reg_nicp_create(&def, &nicp, NULL))) {
+            int calls = memory.calls;
+            for (int step = 0; step < 3; step++)
+                CHECK_OK(reg_nicp_step(nicp, NULL));
+            CHECK_INT(memory.calls, calls);
+        }
+        reg_nicp_destroy(nicp);
+    }
+    free_block(&made);
+    CHECK_INT(memory.live, 0);
+}
+
 static void test_memory(void)
 {
     block made;
@@ -1126,5 +1153,5 @@ CHECK_SUITE(nicp, {"the formula of partners", test_formula}, {"the schedule of s
             {"the body is borrowed", test_borrowed}, {"caps", test_caps}, {"no overlap", test_no_overlap},
             {"odd targets", test_odd_targets}, {"threads", test_threads}, {"sources", test_sources},
             {"a mesh that changed", test_changed_mesh}, {"refusals", test_refusals},
-            {"failing allocations", test_memory}, {"livers, whole surfaces", test_livers},
-            {"livers, partial surfaces", test_partial_livers});
+            {"failing allocations", test_memory}, {"no memory", test_no_memory},
+            {"livers, whole surfaces", test_livers}, {"livers, partial surfaces", test_partial_livers});

@@ -185,6 +185,7 @@ SBI_API void sbi_body_release(sb_body *body)
     sbi_free(&allocator, (void *)body->laws);
     sbi_free(&allocator, body->made_young);
     sbi_free(&allocator, body->region_alpha);
+    sbi_free(&allocator, body->twins);
     sbi_free(&allocator, body->materials);
     sbi_free(&allocator, body->material_regions);
     sbi_free(&allocator, body->topology_memory);

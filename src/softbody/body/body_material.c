@@ -87,9 +87,10 @@ SBI_API sb_result sbi_body_make_materials(sb_body *body, const sb_body_def *def,
     }
     body->material_count = count;
     body->materials = (sb_material *)sbi_alloc(&body->allocator, (size_t)count, sizeof(sb_material));
+    body->twins = (sb_material *)sbi_alloc(&body->allocator, (size_t)count, sizeof(sb_material));
     body->made_young = (sb_real *)sbi_alloc(&body->allocator, (size_t)count, sizeof(sb_real));
     body->cell_material = (int *)sbi_alloc(&body->allocator, (size_t)def->mesh->element_count, sizeof(int));
-    if (!body->materials || !body->made_young || !body->cell_material || !sbi_body_take_regions(body))
+    if (!body->materials || !body->twins || !body->made_young || !body->cell_material || !sbi_body_take_regions(body))
         return sbi_fail(error, SB_ERROR_MEMORY, "no memory for %d materials", count);
     for (int e = 0; e < def->mesh->element_count; e++)
         body->cell_material[e] =

@@ -268,6 +268,7 @@ struct sb_body {
     int material_count;     /* one per region of the mesh */
     int *material_regions;  /* [material_count] ascending region numbers */
     sb_material *materials; /* [material_count] */
+    sb_material *twins;     /* [material_count] scratch: corotated materials that static solves start from */
     sb_real *made_young;    /* [material_count] Young's moduli at creation (Pa): multigrid's levels are made from them,
                              * also those of another mesh, so that they do not depend on when that came */
     int *cell_material;     /* [cell_count] */

@@ -134,13 +134,15 @@ static sb_result sbi_live_copy_make(const sb_body *body, const sbi_live_mesh *me
     domain->weights = (sb_real *)sbi_alloc(allocator, cells, q * sizeof(sb_real));
     next->material_regions = (int *)sbi_alloc(allocator, materials, sizeof(int));
     next->materials = (sb_material *)sbi_alloc(allocator, materials, sizeof(sb_material));
+    next->twins = (sb_material *)sbi_alloc(allocator, materials, sizeof(sb_material));
     next->made_young = (sb_real *)sbi_alloc(allocator, materials, sizeof(sb_real));
     next->cell_material = (int *)sbi_alloc(allocator, cells, sizeof(int));
     if (mesh->fibres)
         next->fibres = (sb_vec3 *)sbi_alloc_zeroed(allocator, cells, sizeof(sb_vec3));
     if (!live || !domain->cells || !domain->gradients || !domain->weights || !next->material_regions ||
-        !next->materials || !next->made_young || !next->cell_material || (mesh->fibres && !next->fibres) ||
-        !sbi_body_copy_regions(next, body) || !sbi_slots_copy(&live->nodes, &mesh->nodes, 0, allocator) ||
+        !next->materials || !next->twins || !next->made_young || !next->cell_material ||
+        (mesh->fibres && !next->fibres) || !sbi_body_copy_regions(next, body) ||
+        !sbi_slots_copy(&live->nodes, &mesh->nodes, 0, allocator) ||
         !sbi_slots_copy(&live->cells, &mesh->cells, 0, allocator))
         return sbi_live_no_memory(error, mesh->nodes.end);
     live->shares = (sb_real *)sbi_alloc_zeroed(allocator, (size_t)live->cells.capacity, sizeof(sb_real));

@@ -85,13 +85,10 @@ SBI_API sb_result sbi_guess_weigh(sb_body *b, const sb_vec3 *u, sb_vec3 *scratch
 SBI_API sb_result sbi_guess_smooth(sb_body *b, sb_vec3 *u, sb_error *error)
 {
     size_t bytes = (size_t)b->domain.node_count * sizeof *u;
-    sb_material *twins = sbi_start_twins(b, sbi_guess_duration);
     sbi_step step;
     sb_step_info info;
     sb_result result;
-    if (!twins)
-        return sbi_fail(error, SB_ERROR_MEMORY, "no memory to hold the rotations of a shape");
-    sbi_start_use(b, twins);
+    sbi_start_use_twins(b, sbi_guess_duration);
     result = sbi_guess_begin(&step, b, &info, u);
     if (result == SB_OK)
         result = sbi_start_hold(&step);
@@ -102,7 +99,6 @@ SBI_API sb_result sbi_guess_smooth(sb_body *b, sb_vec3 *u, sb_error *error)
         memcpy(u, b->work2, bytes);
     sbi_start_use_own(b, sbi_guess_duration);
     sbi_step_restore(b);
-    sbi_free(&b->allocator, twins);
     result = sbi_step_report(&info, result);
     if (result != SB_OK && error)
         *error = info.error;

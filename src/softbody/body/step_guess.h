@@ -21,8 +21,7 @@ SBI_API void sbi_guess_settle(const sb_body *body, sb_vec3 *u);
 SBI_API sb_result sbi_guess_weigh(sb_body *body, const sb_vec3 *u, sb_vec3 *scratch, sbi_guess *guess, sb_error *error);
 /* u becomes the equilibrium of corotated materials with the same moduli and with the rotations of u held, which one
  * system finds. Displacements of a network have noise that volume makes large forces of, while their rotations are
- * good. Takes memory for the time of the call. On failure (also SB_ERROR_MEMORY, and what the solver refuses) u and the
- * body are as before. */
+ * good. Allocates nothing. On failure (what the solver refuses) u and the body are as before. */
 SBI_API sb_result sbi_guess_smooth(sb_body *body, sb_vec3 *u, sb_error *error);
 
 #endif /* SB_STEP_GUESS_H */

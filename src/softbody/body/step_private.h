@@ -120,10 +120,10 @@ SBI_API void sbi_static_give_back_direct(sbi_step *step);
 SBI_API void sbi_static_loads(sb_body *body, sb_real factor);
 
 /* ---- step_start.c: of static solves ---- */
-/* Twins of all materials, corotated, to be freed; NULL: no memory. */
-SBI_API sb_material *sbi_start_twins(const sb_body *body, sb_real duration);
-/* The assembly goes by other materials from here on; with the rotations' warm starts that follow from no history. */
-SBI_API void sbi_start_use(sb_body *body, const sb_material *materials);
+/* The assembly goes by corotated twins of all materials from here on, with the rotations' warm starts that follow from
+ * no history. */
+SBI_API void sbi_start_use_twins(sb_body *body, sb_real duration);
+/* And by its own again. */
 SBI_API void sbi_start_use_own(sb_body *body, sb_real duration);
 /* From the displacement, whose forces are current, to the least potential of corotated materials with the rotations of
  * there held, which one system finds: into work2. */

@@ -17,17 +17,11 @@ static sb_material sbi_start_twin(const sb_material *material, sb_real duration)
     return twin;
 }
 
-SBI_API sb_material *sbi_start_twins(const sb_body *b, sb_real duration)
+SBI_API void sbi_start_use_twins(sb_body *b, sb_real duration)
 {
-    sb_material *twins = (sb_material *)sbi_alloc(&b->allocator, (size_t)b->material_count, sizeof *twins);
-    for (int i = 0; twins && i < b->material_count; i++)
-        twins[i] = sbi_start_twin(&b->materials[i], duration);
-    return twins;
-}
-
-SBI_API void sbi_start_use(sb_body *b, const sb_material *materials)
-{
-    sbi_assembly_set_materials(&b->assembly, materials, b->material_count, b->cell_material);
+    for (int i = 0; i < b->material_count; i++)
+        b->twins[i] = sbi_start_twin(&b->materials[i], duration);
+    sbi_assembly_set_materials(&b->assembly, b->twins, b->material_count, b->cell_material);
     sbi_assembly_reset_rotations(&b->assembly);
     b->force_current = 0;
 }
@@ -68,7 +62,7 @@ static sb_result sbi_start_smooth(sbi_step *step)
 }
 
 /* body->previous = the smoothed end of the increment, which stays, as does the displacement. */
-static sb_result sbi_start_find(sbi_step *step, const sb_material *twins, sb_real duration)
+static sb_result sbi_start_find(sbi_step *step, sb_real duration)
 {
     sb_body *b = step->body;
     size_t bytes = (size_t)b->domain.node_count * sizeof(sb_vec3);
@@ -76,7 +70,7 @@ static sb_result sbi_start_find(sbi_step *step, const sb_material *twins, sb_rea
     sbi_step_trial(step, 1);
     memcpy(b->previous, b->increment, bytes);
     memcpy(b->displacement, b->work2, bytes);
-    sbi_start_use(b, twins);
+    sbi_start_use_twins(b, duration);
     result = sbi_start_smooth(step);
     memcpy(b->increment, b->previous, bytes);
     memcpy(b->previous, b->work2, bytes);
@@ -101,14 +95,10 @@ SBI_API int sbi_static_may_start(const sbi_step *step, sb_start start)
 SBI_API sb_result sbi_static_start(sbi_step *step, sb_real duration)
 {
     sb_body *b = step->body;
-    sb_material *twins;
-    sb_result result = sbi_step_solve(step), found = SB_ERROR_MEMORY;
+    sb_result result = sbi_step_solve(step), found;
     if (result != SB_OK)
         return result;
-    twins = sbi_start_twins(b, duration);
-    if (twins)
-        found = sbi_start_find(step, twins, duration);
-    sbi_free(&b->allocator, twins);
+    found = sbi_start_find(step, duration);
     if (found != SB_OK || !sbi_step_take_lower(step, b->previous)) {
         sbi_step_forget_error(step->info);
         return sbi_step_advance(step);
