@@ -12594,6 +12594,372 @@ REGI_API void regi_look_measure(regi_look *look, sb_real *used, sb_real *residua
     *residual_p95 = count > 0 ? regi_cloud_select(look->sort, count, (int)(0.95 * (count - 1))) : 0;
 }
 
+/* ==== src/register/marks.h ==== */
+/* marks: landmarks and lines of an organ (reg_landmark, reg_curve of infer.h): where they are on or in the model, where
+ * they are seen, and the gaps between, each along an axis. Floor 6, internal: inferences and trackers make rows of
+ * them. */
+#ifndef REGI_MARKS_H
+#define REGI_MARKS_H
+
+
+enum { REGI_MARKS_SAMPLES = 32 }; /* of a curve that is seen, at most */
+
+/* A gap of a landmark, or of a place that a curve is seen at: along an axis. */
+typedef struct regi_marks_line {
+    int points[2];   /* marks: the organ's place is between these, */
+    sb_real share;   /* by so much of the second */
+    sb_vec3 axis;    /* unit, in space */
+    sb_vec3 seen;    /* m */
+    double variance; /* m^2 */
+} regi_marks_line;
+
+/* Where a curve is seen. */
+typedef struct regi_marks_sample {
+    sb_vec3 seen, tangent; /* m; unit */
+    double variance;       /* m^2 */
+    int first, count;      /* marks: corners of the model's line */
+} regi_marks_sample;
+
+typedef struct regi_marks {
+    sb_real size;           /* m, of the organ */
+    int count;              /* marks: landmarks, then corners of the model's lines */
+    int landmark_count;     /* of them */
+    int most_samples;       /* that there is room for */
+    sb_embedding_rows rows; /* of the marks in the mesh */
+    sb_vec3 *places;        /* [count] m: at rest, then where they are now */
+    regi_marks_line *lines; /* [line_count]: three of each landmark seen, then two of each sample that has a place */
+    int fixed_count;        /* lines of landmarks */
+    int line_count;
+    regi_marks_sample *samples; /* [sample_count] */
+    int sample_count;
+} regi_marks;
+
+/* Landmarks and curves as a caller has them. */
+typedef struct regi_marks_def {
+    const reg_landmark *landmarks;
+    int landmark_count;
+    const reg_curve *curves;
+    int curve_count;
+    int all; /* 1: also those that count nothing now are marks; 0: they are left out */
+} regi_marks_def;
+
+/* Counts, and what is of the model: places, lines. SB_ERROR_ARGUMENT, SB_ERROR_NOT_FINITE (error->node: the landmark or
+ * the curve). */
+REGI_API sb_result regi_marks_check_model(const regi_marks_def *def, sb_error *error);
+/* What is seen of those that count: finite, of a deviation in range, and within `far` (m) of `about`. Others are not
+ * looked at. Errors likewise. */
+REGI_API sb_result regi_marks_check_seen(const regi_marks_def *def, sb_vec3 about, sb_real far, sb_error *error);
+/* count and most_samples: of what is seen now, or, of `all`, of what may be seen. */
+REGI_API void regi_marks_count(regi_marks *marks, const regi_marks_def *def, sb_real size);
+/* Lines that there may be. */
+REGI_API int regi_marks_most_lines(const regi_marks *marks);
+REGI_API void regi_marks_layout(regi_marks *marks, sbi_arena *arena);
+/* places, at rest, and rows. SB_ERROR_MEMORY, and what sb_embedding_create says. */
+REGI_API sb_result regi_marks_place(regi_marks *marks, const regi_marks_def *def, const sb_mesh *mesh,
+                                    const sb_allocator *allocator, const sb_jobs *jobs, sb_error *error);
+/* Takes what is seen: the lines of landmarks, and samples of curves. */
+REGI_API void regi_marks_see(regi_marks *marks, const regi_marks_def *def);
+/* Looks for the samples' places on the model's lines where the marks are now (places): the lines of curves. */
+REGI_API void regi_marks_follow(regi_marks *marks);
+
+#endif /* REGI_MARKS_H */
+
+/* ==== src/register/marks.c ==== */
+/* marks: see marks.h. */
+
+#include <math.h>
+#include <string.h>
+
+enum { REGI_MARKS_MOST = 1000 };
+
+/* Places that a curve is seen at are so far apart, in sizes of the organ. */
+static const double regi_marks_apart = 0.02;
+/* Cosine of the angle up to which a piece of the model's line and one of what is seen may be the same. */
+static const double regi_marks_same_way = 0.7;
+
+/* ---- checks ---- */
+
+/* m */
+static sb_real regi_marks_length(const sb_vec3 *corners, int count)
+{
+    sb_real sum = 0;
+    for (int i = 0; i + 1 < count; i++)
+        sum += sb_v3_norm(sb_v3_sub(corners[i + 1], corners[i]));
+    return sum;
+}
+
+/* Corners of a line, of the model or seen. */
+static sb_result regi_marks_check_corners(const sb_vec3 *corners, int count, int index, sb_error *error)
+{
+    for (int i = 0; i < count; i++)
+        if (!sb_v3_is_finite(corners[i]))
+            return sbi_fail_node(error, SB_ERROR_NOT_FINITE, index, "curve %d is not finite", index);
+    if (!(regi_marks_length(corners, count) > 0))
+        return sbi_fail_node(error, SB_ERROR_ARGUMENT, index, "curve %d has no length", index);
+    return SB_OK;
+}
+
+static sb_result regi_marks_check_line(const reg_curve *curve, int index, sb_error *error)
+{
+    if (!curve->model || curve->model_count < 2 || curve->model_count > REGI_MARKS_MOST)
+        return sbi_fail_node(error, SB_ERROR_ARGUMENT, index, "curve %d of %d corners: needs two, and %d at most",
+                             index, curve->model ? curve->model_count : 0, (int)REGI_MARKS_MOST);
+    return regi_marks_check_corners(curve->model, curve->model_count, index, error);
+}
+
+REGI_API sb_result regi_marks_check_model(const regi_marks_def *def, sb_error *error)
+{
+    sb_result result = SB_OK;
+    if (def->landmark_count < 0 || def->landmark_count > REGI_MARKS_MOST ||
+        (def->landmark_count > 0 && !def->landmarks))
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "%d landmarks: out of range, or without an array",
+                        def->landmark_count);
+    for (int i = 0; i < def->landmark_count; i++)
+        if (!sb_v3_is_finite(def->landmarks[i].model))
+            return sbi_fail_node(error, SB_ERROR_NOT_FINITE, i, "landmark %d is not finite", i);
+    if (def->curve_count < 0 || def->curve_count > REGI_MARKS_MOST || (def->curve_count > 0 && !def->curves))
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "%d curves: out of range, or without an array", def->curve_count);
+    for (int i = 0; i < def->curve_count && result == SB_OK; i++)
+        result = regi_marks_check_line(def->curves + i, i, error);
+    return result;
+}
+
+/* SB_ERROR_ARGUMENT for a place that no organ of this size moves to: most often one of other units. */
+static sb_result regi_marks_check_near(sb_vec3 seen, sb_vec3 about, sb_real far, const char *what, int index,
+                                       sb_error *error)
+{
+    sb_real way = sb_v3_norm(sb_v3_sub(seen, about));
+    if (way <= far)
+        return SB_OK;
+    return sbi_fail_node(error, SB_ERROR_ARGUMENT, index, "%s %d is seen %g m from the organ: in other units?", what,
+                         index, (double)way);
+}
+
+static sb_result regi_marks_check_landmark(const reg_landmark *landmark, int index, sb_vec3 about, sb_real far,
+                                           sb_error *error)
+{
+    if (!(landmark->sd >= 0))
+        return sbi_fail_node(error, SB_ERROR_ARGUMENT, index, "sd of landmark %d is below 0", index);
+    if (!sb_is_finite(landmark->sd))
+        return SB_OK;
+    if (!sb_v3_is_finite(landmark->seen))
+        return sbi_fail_node(error, SB_ERROR_NOT_FINITE, index, "landmark %d is not finite", index);
+    return regi_marks_check_near(landmark->seen, about, far, "landmark", index, error);
+}
+
+static sb_result regi_marks_check_curve(const reg_curve *curve, int index, sb_vec3 about, sb_real far, sb_error *error)
+{
+    sb_result result;
+    if (!(curve->sd > 0))
+        return sbi_fail_node(error, SB_ERROR_ARGUMENT, index, "sd of curve %d is not above 0", index);
+    if (!sb_is_finite(curve->sd))
+        return SB_OK;
+    if (!curve->seen || curve->seen_count < 2)
+        return sbi_fail_node(error, SB_ERROR_ARGUMENT, index, "curve %d is seen at %d corners: needs two", index,
+                             curve->seen ? curve->seen_count : 0);
+    result = regi_marks_check_corners(curve->seen, curve->seen_count, index, error);
+    for (int i = 0; i < curve->seen_count && result == SB_OK; i++)
+        result = regi_marks_check_near(curve->seen[i], about, far, "curve", index, error);
+    return result;
+}
+
+REGI_API sb_result regi_marks_check_seen(const regi_marks_def *def, sb_vec3 about, sb_real far, sb_error *error)
+{
+    sb_result result = SB_OK;
+    for (int i = 0; i < def->landmark_count && result == SB_OK; i++)
+        result = regi_marks_check_landmark(def->landmarks + i, i, about, far, error);
+    for (int i = 0; i < def->curve_count && result == SB_OK; i++)
+        result = regi_marks_check_curve(def->curves + i, i, about, far, error);
+    return result;
+}
+
+/* ---- what there is ---- */
+
+/* At how many places a curve is seen; 0: it counts nothing. */
+static int regi_marks_samples_of(const regi_marks *m, const reg_curve *curve)
+{
+    double wanted;
+    if (!sb_is_finite(curve->sd))
+        return 0;
+    wanted = ceil((double)regi_marks_length(curve->seen, curve->seen_count) / (regi_marks_apart * (double)m->size));
+    return wanted < (int)REGI_MARKS_SAMPLES ? (int)wanted : (int)REGI_MARKS_SAMPLES;
+}
+
+/* 1: a mark. */
+static int regi_marks_has_landmark(const regi_marks_def *def, int index)
+{
+    return def->all || sb_is_finite(def->landmarks[index].sd);
+}
+
+static int regi_marks_has_curve(const regi_marks_def *def, int index)
+{
+    return def->all || sb_is_finite(def->curves[index].sd);
+}
+
+REGI_API void regi_marks_count(regi_marks *m, const regi_marks_def *def, sb_real size)
+{
+    m->size = size;
+    m->landmark_count = m->most_samples = 0;
+    for (int i = 0; i < def->landmark_count; i++)
+        m->landmark_count += regi_marks_has_landmark(def, i);
+    m->count = m->landmark_count;
+    for (int i = 0; i < def->curve_count; i++)
+        if (regi_marks_has_curve(def, i)) {
+            m->count += def->curves[i].model_count;
+            m->most_samples += def->all ? (int)REGI_MARKS_SAMPLES : regi_marks_samples_of(m, def->curves + i);
+        }
+}
+
+REGI_API int regi_marks_most_lines(const regi_marks *m) { return 3 * m->landmark_count + 2 * m->most_samples; }
+
+REGI_API void regi_marks_layout(regi_marks *m, sbi_arena *arena)
+{
+    m->places = (sb_vec3 *)sbi_arena_take(arena, (size_t)m->count, sizeof(sb_vec3));
+    m->lines = (regi_marks_line *)sbi_arena_take(arena, (size_t)regi_marks_most_lines(m), sizeof(regi_marks_line));
+    m->samples = (regi_marks_sample *)sbi_arena_take(arena, (size_t)m->most_samples, sizeof(regi_marks_sample));
+}
+
+REGI_API sb_result regi_marks_place(regi_marks *m, const regi_marks_def *def, const sb_mesh *mesh,
+                                    const sb_allocator *allocator, const sb_jobs *jobs, sb_error *error)
+{
+    sb_embedding_def embed = sb_default_embedding_def();
+    sb_embedding *embedding = NULL;
+    sb_result result;
+    int mark = 0;
+    if (m->count == 0)
+        return SB_OK;
+    for (int i = 0; i < def->landmark_count; i++)
+        if (regi_marks_has_landmark(def, i))
+            m->places[mark++] = def->landmarks[i].model;
+    for (int i = 0; i < def->curve_count; i++) {
+        const reg_curve *curve = def->curves + i;
+        if (!regi_marks_has_curve(def, i))
+            continue;
+        memcpy(m->places + mark, curve->model, (size_t)curve->model_count * sizeof *curve->model);
+        mark += curve->model_count;
+    }
+    embed.mesh = mesh;
+    embed.points = m->places;
+    embed.point_count = m->count;
+    embed.kind = SB_EMBED_PLAIN;
+    embed.max_distance = (sb_real)0.25 * m->size;
+    embed.allocator = *allocator;
+    embed.jobs = *jobs;
+    result = sb_embedding_create(&embed, &embedding, error);
+    if (result == SB_OK)
+        result = sb_embedding_mapping(embedding, allocator, &m->rows, error);
+    sb_embedding_destroy(embedding);
+    return result;
+}
+
+/* ---- what is seen ---- */
+
+static void regi_marks_see_landmark(regi_marks *m, const reg_landmark *landmark, int mark)
+{
+    for (int k = 0; k < 3; k++) {
+        regi_marks_line *line = m->lines + m->fixed_count++;
+        line->points[0] = line->points[1] = mark;
+        line->share = 0;
+        line->axis = sb_v3(k == 0, k == 1, k == 2);
+        line->seen = landmark->seen;
+        line->variance = (double)landmark->sd * (double)landmark->sd;
+    }
+}
+
+/* The middles of `count` pieces of one length that what is seen of a curve is cut into. */
+static void regi_marks_sample_curve(const reg_curve *curve, int first, int count, regi_marks_sample *samples)
+{
+    sb_real length = regi_marks_length(curve->seen, curve->seen_count), behind = 0;
+    int corner = 0;
+    for (int k = 0; k < count; k++) {
+        sb_real at = length * ((sb_real)k + (sb_real)0.5) / (sb_real)count;
+        sb_vec3 along = sb_v3_sub(curve->seen[corner + 1], curve->seen[corner]);
+        sb_real way = sb_v3_norm(along);
+        while (corner + 2 < curve->seen_count && behind + way < at) {
+            behind += way;
+            corner++;
+            along = sb_v3_sub(curve->seen[corner + 1], curve->seen[corner]);
+            way = sb_v3_norm(along);
+        }
+        samples[k].tangent = sb_v3_scale(way > 0 ? 1 / way : 0, along);
+        samples[k].seen = sb_v3_madd(curve->seen[corner], sb_min(at - behind, way), samples[k].tangent);
+        samples[k].variance = (double)curve->sd * (double)curve->sd;
+        samples[k].first = first;
+        samples[k].count = curve->model_count;
+    }
+}
+
+REGI_API void regi_marks_see(regi_marks *m, const regi_marks_def *def)
+{
+    int mark = 0;
+    m->fixed_count = m->sample_count = 0;
+    for (int i = 0; i < def->landmark_count; i++) {
+        if (sb_is_finite(def->landmarks[i].sd))
+            regi_marks_see_landmark(m, def->landmarks + i, mark);
+        mark += regi_marks_has_landmark(def, i);
+    }
+    for (int i = 0; i < def->curve_count; i++) {
+        const reg_curve *curve = def->curves + i;
+        int count = regi_marks_samples_of(m, curve);
+        if (count > 0)
+            regi_marks_sample_curve(curve, mark, count, m->samples + m->sample_count);
+        m->sample_count += count;
+        mark += regi_marks_has_curve(def, i) ? curve->model_count : 0;
+    }
+    m->line_count = m->fixed_count;
+}
+
+/* The nearest place on the model's line where that goes the way that is seen: by a share of the way from the mark that
+ * is told to the next one. -1: there is none. */
+static int regi_marks_find_on_curve(const regi_marks *m, const regi_marks_sample *sample, sb_real *share)
+{
+    sb_real nearest = SB_REAL_MAX;
+    int found = -1;
+    for (int i = sample->first; i + 1 < sample->first + sample->count; i++) {
+        sb_vec3 from = m->places[i], way = sb_v3_sub(m->places[i + 1], from), off;
+        sb_real length = sb_v3_norm(way), at;
+        if (!(length > 0) || !(sb_abs(sb_v3_dot(way, sample->tangent)) > (sb_real)regi_marks_same_way * length))
+            continue;
+        at = sb_v3_dot(sb_v3_sub(sample->seen, from), way) / (length * length);
+        at = sb_min(sb_max(at, 0), 1);
+        off = sb_v3_sub(sample->seen, sb_v3_madd(from, at, way));
+        if (sb_v3_dot(off, off) < nearest) {
+            nearest = sb_v3_dot(off, off);
+            *share = at;
+            found = i;
+        }
+    }
+    return found;
+}
+
+/* The two lines across the model's one, from where a sample has its place. */
+static void regi_marks_add_sample(regi_marks *m, const regi_marks_sample *sample, int from, sb_real share)
+{
+    regi_marks_line *line = m->lines + m->line_count;
+    sb_vec3 way = sb_v3_sub(m->places[from + 1], m->places[from]);
+    sb_vec3 along = sb_v3_scale(1 / sb_v3_norm(way), way);
+    line->points[0] = from;
+    line->points[1] = from + 1;
+    line->share = share;
+    line->axis = sb_v3_perpendicular(along);
+    line->seen = sample->seen;
+    line->variance = sample->variance;
+    line[1] = line[0];
+    line[1].axis = sb_v3_cross(along, line->axis);
+    m->line_count += 2;
+}
+
+REGI_API void regi_marks_follow(regi_marks *m)
+{
+    m->line_count = m->fixed_count;
+    for (int i = 0; i < m->sample_count; i++) {
+        sb_real share = 0;
+        int from = regi_marks_find_on_curve(m, m->samples + i, &share);
+        if (from >= 0)
+            regi_marks_add_sample(m, m->samples + i, from, share);
+    }
+}
+
 /* ==== src/register/infer_private.h ==== */
 /* infer_private: what is inside a reg_infer. Floor 6, internal: infer_rows.c looks at the target, infer_prior.c chooses
  * the prior, infer_round.c moves the organ, infer_draws.c says how sure that is, infer.c makes it all. */
@@ -12612,22 +12978,6 @@ enum {
 /* Length of the tractions, in shares of the size: about that of tools and hands. Longer ones, which evidence may well
  * prefer, need so large a scale for what is local that the organ bends by far too much where it is not seen. */
 #define REGI_INFER_LENGTH 0.06
-
-/* A row of a landmark, or of a place that a curve is seen at: a gap along an axis. */
-typedef struct regi_infer_line {
-    int points[2];   /* rows of the marks: the organ's place is between these, */
-    sb_real share;   /* by so much of the second */
-    sb_vec3 axis;    /* unit, in space */
-    sb_vec3 seen;    /* m */
-    double variance; /* m^2 */
-} regi_infer_line;
-
-/* Where a curve is seen. */
-typedef struct regi_infer_sample {
-    sb_vec3 seen, tangent; /* m; unit */
-    double variance;       /* m^2 */
-    int first, count;      /* rows of the marks: corners of the model's line */
-} regi_infer_sample;
 
 /* What the prior of the loads is like. */
 typedef struct regi_infer_choice {
@@ -12651,17 +13001,12 @@ struct reg_infer {
     regi_infer_choice choice;
     reg_quality quality;
     void *memory;
-    int node_count, landmark_count, sample_count;
-    int mark_count;          /* landmarks, then corners of the model's lines */
-    int loads;               /* 3 per control point, the weight's, and that of a pressure where there may be one */
-    double begun;            /* on the clock */
-    int *patch_of;           /* [count of data] patch, or -1 - line */
-    double *averaged;        /* [data] m^2: the part of the variance that averages out */
-    sb_embedding_rows marks; /* in the mesh */
-    sb_vec3 *mark_places;    /* [mark_count] m, at rest, then where they are now */
-    regi_infer_line *lines;  /* [line_count]: three of each landmark, then two of each sample that has a place */
-    int line_count;
-    regi_infer_sample *samples; /* [sample_count] */
+    int node_count;
+    int loads;           /* 3 per control point, the weight's, and that of a pressure where there may be one */
+    double begun;        /* on the clock */
+    int *patch_of;       /* [count of data] patch, or -1 - line */
+    double *averaged;    /* [data] m^2: the part of the variance that averages out */
+    regi_marks marks;    /* landmarks and curves */
     double *raw;         /* [loads][gauss.most] responses of data, then resultants, to unit tractions and weight */
     int rooted;          /* root is of tractions alike everywhere: 1, of `local`: 2, of none of them: 0 */
     double *root;        /* [c][c] of the present prior, lower triangle */
@@ -12721,19 +13066,6 @@ REGI_API void regi_infer_row(const reg_infer *infer, int datum, sb_vec3 *row, do
 /* What displacements u[nodes] do to a datum (m). */
 REGI_API double regi_infer_measure(const reg_infer *infer, int datum, const sb_vec3 *u);
 
-/* ---- infer_marks ---- */
-/* Numbers in range. SB_ERROR_ARGUMENT, SB_ERROR_NOT_FINITE (error->node: the landmark or the curve). */
-REGI_API sb_result regi_infer_check_marks(const reg_infer_def *def, sb_error *error);
-/* landmark_count, sample_count and mark_count of the def. */
-REGI_API void regi_infer_count_marks(reg_infer *infer);
-/* marks, samples, and the lines of landmarks. SB_ERROR_MEMORY, and what sb_embedding_create says. */
-REGI_API sb_result regi_infer_take_marks(reg_infer *infer, sb_error *error);
-/* Looks for the samples' places on the model's lines where the organ is now: the lines of curves. */
-REGI_API void regi_infer_follow_curves(reg_infer *infer);
-/* Adds a line's row to row[nodes], and tells its gap and the place that it is of (m). */
-REGI_API void regi_infer_add_line(const reg_infer *infer, const regi_infer_line *line, sb_vec3 *row, double *gap,
-                                  sb_vec3 *place);
-
 /* ---- infer_prior ---- */
 /* What a model cannot follow (m). */
 REGI_API double regi_infer_least_misfit(const reg_model *model);
@@ -12761,261 +13093,6 @@ REGI_API sb_result regi_infer_round(reg_infer *infer, int round, sb_error *error
 REGI_API sb_result regi_infer_tell(reg_infer *infer, sb_error *error);
 
 #endif /* REG_INFER_PRIVATE_H */
-
-/* ==== src/register/infer_marks.c ==== */
-/* infer_marks: landmarks, and lines of the organ that are seen (curves), as rows of an inference. */
-
-#include <math.h>
-#include <string.h>
-
-enum { REGI_INFER_MOST_MARKS = 1000, REGI_INFER_MOST_SAMPLES = 32 };
-
-/* Places that a curve is seen at are so far apart, in sizes of the organ. */
-static const double regi_infer_sample_apart = 0.02;
-/* Cosine of the angle up to which a piece of the model's line and one of what is seen may be the same. */
-static const double regi_infer_same_way = 0.7;
-
-/* ---- checks ---- */
-
-static sb_result regi_infer_check_landmarks(const reg_infer_def *def, sb_error *error)
-{
-    if (def->landmark_count < 0 || def->landmark_count > REGI_INFER_MOST_MARKS ||
-        (def->landmark_count > 0 && !def->landmarks))
-        return sbi_fail(error, SB_ERROR_ARGUMENT, "%d landmarks: out of range, or without an array",
-                        def->landmark_count);
-    for (int i = 0; i < def->landmark_count; i++) {
-        if (!sb_v3_is_finite(def->landmarks[i].model) || !sb_v3_is_finite(def->landmarks[i].seen))
-            return sbi_fail_node(error, SB_ERROR_NOT_FINITE, i, "landmark %d is not finite", i);
-        if (!(def->landmarks[i].sd >= 0))
-            return sbi_fail_node(error, SB_ERROR_ARGUMENT, i, "sd of landmark %d is below 0", i);
-    }
-    return SB_OK;
-}
-
-static int regi_infer_are_finite(const sb_vec3 *points, int count)
-{
-    for (int i = 0; i < count; i++)
-        if (!sb_v3_is_finite(points[i]))
-            return 0;
-    return 1;
-}
-
-/* m */
-static sb_real regi_infer_length(const sb_vec3 *corners, int count)
-{
-    sb_real sum = 0;
-    for (int i = 0; i + 1 < count; i++)
-        sum += sb_v3_norm(sb_v3_sub(corners[i + 1], corners[i]));
-    return sum;
-}
-
-static sb_result regi_infer_check_curve(const reg_curve *curve, int index, sb_error *error)
-{
-    if (!curve->model || !curve->seen || curve->model_count < 2 || curve->seen_count < 2 ||
-        curve->model_count > REGI_INFER_MOST_MARKS)
-        return sbi_fail_node(error, SB_ERROR_ARGUMENT, index,
-                             "curve %d of %d corners, seen at %d: needs two of each, and %d of the model at most",
-                             index, curve->model_count, curve->seen_count, (int)REGI_INFER_MOST_MARKS);
-    if (!(curve->sd > 0))
-        return sbi_fail_node(error, SB_ERROR_ARGUMENT, index, "sd of curve %d is not above 0", index);
-    if (!regi_infer_are_finite(curve->model, curve->model_count) ||
-        !regi_infer_are_finite(curve->seen, curve->seen_count))
-        return sbi_fail_node(error, SB_ERROR_NOT_FINITE, index, "curve %d is not finite", index);
-    if (!(regi_infer_length(curve->model, curve->model_count) > 0) ||
-        !(regi_infer_length(curve->seen, curve->seen_count) > 0))
-        return sbi_fail_node(error, SB_ERROR_ARGUMENT, index, "curve %d has no length", index);
-    return SB_OK;
-}
-
-REGI_API sb_result regi_infer_check_marks(const reg_infer_def *def, sb_error *error)
-{
-    sb_result result = regi_infer_check_landmarks(def, error);
-    if (result != SB_OK)
-        return result;
-    if (def->curve_count < 0 || def->curve_count > REGI_INFER_MOST_MARKS || (def->curve_count > 0 && !def->curves))
-        return sbi_fail(error, SB_ERROR_ARGUMENT, "%d curves: out of range, or without an array", def->curve_count);
-    for (int i = 0; i < def->curve_count && result == SB_OK; i++)
-        result = regi_infer_check_curve(def->curves + i, i, error);
-    return result;
-}
-
-/* ---- what there is ---- */
-
-/* At how many places a curve is seen; 0: it counts nothing. */
-static int regi_infer_samples_of(const reg_infer *f, const reg_curve *curve)
-{
-    double apart = regi_infer_sample_apart * (double)f->model->size;
-    double wanted = ceil((double)regi_infer_length(curve->seen, curve->seen_count) / apart);
-    if (!sb_is_finite(curve->sd))
-        return 0;
-    return wanted < (int)REGI_INFER_MOST_SAMPLES ? (int)wanted : (int)REGI_INFER_MOST_SAMPLES;
-}
-
-REGI_API void regi_infer_count_marks(reg_infer *f)
-{
-    for (int i = 0; i < f->def->landmark_count; i++)
-        f->landmark_count += sb_is_finite(f->def->landmarks[i].sd);
-    f->mark_count = f->landmark_count;
-    for (int i = 0; i < f->def->curve_count; i++) {
-        int samples = regi_infer_samples_of(f, f->def->curves + i);
-        f->sample_count += samples;
-        f->mark_count += samples > 0 ? f->def->curves[i].model_count : 0;
-    }
-}
-
-static void regi_infer_take_landmarks(reg_infer *f)
-{
-    int mark = 0;
-    for (int i = 0; i < f->def->landmark_count; i++) {
-        const reg_landmark *landmark = f->def->landmarks + i;
-        if (!sb_is_finite(landmark->sd))
-            continue;
-        f->mark_places[mark] = landmark->model;
-        for (int k = 0; k < 3; k++) {
-            regi_infer_line *line = f->lines + 3 * mark + k;
-            line->points[0] = line->points[1] = mark;
-            line->share = 0;
-            line->axis = sb_v3(k == 0, k == 1, k == 2);
-            line->seen = landmark->seen;
-            line->variance = (double)landmark->sd * (double)landmark->sd;
-        }
-        mark++;
-    }
-    f->line_count = 3 * mark;
-}
-
-/* The middles of `count` pieces of one length that what is seen of a curve is cut into. */
-static void regi_infer_sample_curve(const reg_curve *curve, int first, int count, regi_infer_sample *samples)
-{
-    sb_real length = regi_infer_length(curve->seen, curve->seen_count), behind = 0;
-    int corner = 0;
-    for (int k = 0; k < count; k++) {
-        sb_real at = length * ((sb_real)k + (sb_real)0.5) / (sb_real)count;
-        sb_vec3 along = sb_v3_sub(curve->seen[corner + 1], curve->seen[corner]);
-        sb_real way = sb_v3_norm(along);
-        while (corner + 2 < curve->seen_count && behind + way < at) {
-            behind += way;
-            corner++;
-            along = sb_v3_sub(curve->seen[corner + 1], curve->seen[corner]);
-            way = sb_v3_norm(along);
-        }
-        samples[k].tangent = sb_v3_scale(way > 0 ? 1 / way : 0, along);
-        samples[k].seen = sb_v3_madd(curve->seen[corner], sb_min(at - behind, way), samples[k].tangent);
-        samples[k].variance = (double)curve->sd * (double)curve->sd;
-        samples[k].first = first;
-        samples[k].count = curve->model_count;
-    }
-}
-
-static void regi_infer_take_curves(reg_infer *f)
-{
-    int mark = f->landmark_count, sample = 0;
-    for (int i = 0; i < f->def->curve_count; i++) {
-        const reg_curve *curve = f->def->curves + i;
-        int count = regi_infer_samples_of(f, curve);
-        if (count == 0)
-            continue;
-        memcpy(f->mark_places + mark, curve->model, (size_t)curve->model_count * sizeof *curve->model);
-        regi_infer_sample_curve(curve, mark, count, f->samples + sample);
-        mark += curve->model_count;
-        sample += count;
-    }
-}
-
-REGI_API sb_result regi_infer_take_marks(reg_infer *f, sb_error *error)
-{
-    sb_embedding_def embed = sb_default_embedding_def();
-    sb_embedding *embedding = NULL;
-    sb_result result;
-    if (f->mark_count == 0)
-        return SB_OK;
-    regi_infer_take_landmarks(f);
-    regi_infer_take_curves(f);
-    embed.mesh = &f->model->mesh;
-    embed.points = f->mark_places;
-    embed.point_count = f->mark_count;
-    embed.kind = SB_EMBED_PLAIN;
-    embed.max_distance = (sb_real)0.25 * f->model->size;
-    embed.allocator = f->allocator;
-    embed.jobs = f->model->jobs;
-    result = sb_embedding_create(&embed, &embedding, error);
-    if (result == SB_OK)
-        result = sb_embedding_mapping(embedding, &f->allocator, &f->marks, error);
-    sb_embedding_destroy(embedding);
-    return result;
-}
-
-/* ---- rows ---- */
-
-/* The nearest place on the model's line where that goes the way that is seen: by a share of the way from the mark that
- * is told to the next one. -1: there is none. */
-static int regi_infer_find_on_curve(const reg_infer *f, const regi_infer_sample *sample, sb_real *share)
-{
-    sb_real nearest = SB_REAL_MAX;
-    int found = -1;
-    for (int i = sample->first; i + 1 < sample->first + sample->count; i++) {
-        sb_vec3 from = f->mark_places[i], way = sb_v3_sub(f->mark_places[i + 1], from), off;
-        sb_real length = sb_v3_norm(way), at;
-        if (!(length > 0) || !(sb_abs(sb_v3_dot(way, sample->tangent)) > (sb_real)regi_infer_same_way * length))
-            continue;
-        at = sb_v3_dot(sb_v3_sub(sample->seen, from), way) / (length * length);
-        at = sb_min(sb_max(at, 0), 1);
-        off = sb_v3_sub(sample->seen, sb_v3_madd(from, at, way));
-        if (sb_v3_dot(off, off) < nearest) {
-            nearest = sb_v3_dot(off, off);
-            *share = at;
-            found = i;
-        }
-    }
-    return found;
-}
-
-/* The two lines across the model's one, from where a sample has its place. */
-static void regi_infer_add_sample(reg_infer *f, const regi_infer_sample *sample, int from, sb_real share)
-{
-    regi_infer_line *line = f->lines + f->line_count;
-    sb_vec3 way = sb_v3_sub(f->mark_places[from + 1], f->mark_places[from]);
-    sb_vec3 along = sb_v3_scale(1 / sb_v3_norm(way), way);
-    line->points[0] = from;
-    line->points[1] = from + 1;
-    line->share = share;
-    line->axis = sb_v3_perpendicular(along);
-    line->seen = sample->seen;
-    line->variance = sample->variance;
-    line[1] = line[0];
-    line[1].axis = sb_v3_cross(along, line->axis);
-    f->line_count += 2;
-}
-
-REGI_API void regi_infer_follow_curves(reg_infer *f)
-{
-    f->line_count = 3 * f->landmark_count;
-    if (f->sample_count > 0)
-        sb_mapping_apply(&f->marks.mapping, sb_body_positions(f->model->body), f->mark_places);
-    for (int i = 0; i < f->sample_count; i++) {
-        sb_real share = 0;
-        int from = regi_infer_find_on_curve(f, f->samples + i, &share);
-        if (from >= 0)
-            regi_infer_add_sample(f, f->samples + i, from, share);
-    }
-}
-
-REGI_API void regi_infer_add_line(const reg_infer *f, const regi_infer_line *line, sb_vec3 *row, double *gap,
-                                  sb_vec3 *place)
-{
-    const sb_mapping *mapping = &f->marks.mapping;
-    const sb_vec3 *x = sb_body_positions(f->model->body);
-    *place = sb_v3(0, 0, 0);
-    for (int end = 0; end < 2; end++) {
-        sb_real part = end ? line->share : 1 - line->share;
-        for (int k = mapping->row_start[line->points[end]]; k < mapping->row_start[line->points[end] + 1]; k++) {
-            int node = mapping->nodes[k];
-            *place = sb_v3_madd(*place, part * mapping->weights[k], x[node]);
-            row[node] = sb_v3_madd(row[node], part * mapping->weights[k], line->axis);
-        }
-    }
-    *gap = (double)sb_v3_dot(sb_v3_sub(line->seen, *place), line->axis);
-}
 
 /* ==== src/register/infer_rows.c ==== */
 /* infer_rows: the target's points, their patches, places of the model, and trust. */
@@ -13125,8 +13202,8 @@ static int regi_infer_list_data(reg_infer *f)
             f->patch_of[f->gauss.count++] = s;
         }
     patches = f->gauss.count;
-    for (int k = 0; k < f->line_count; k++) {
-        f->averaged[f->gauss.count] = f->lines[k].variance;
+    for (int k = 0; k < f->marks.line_count; k++) {
+        f->averaged[f->gauss.count] = f->marks.lines[k].variance;
         f->patch_of[f->gauss.count++] = -1 - k;
     }
     return patches;
@@ -13152,7 +13229,9 @@ REGI_API int regi_infer_look(reg_infer *f, int round)
     for (int i = 0; i < f->look.point_count; i++)
         regi_look_place(&f->look, f->look.points + i);
     regi_look_judge(&f->look, regi_infer_early_limit(f, round), round < 2 ? 4 : 6);
-    regi_infer_follow_curves(f);
+    if (f->marks.sample_count > 0)
+        sb_mapping_apply(&f->marks.rows.mapping, sb_body_positions(m->body), f->marks.places);
+    regi_marks_follow(&f->marks);
     return regi_infer_list_data(f);
 }
 
@@ -13173,13 +13252,31 @@ static void regi_infer_add_pose(const reg_infer *f, sb_vec3 place, sb_vec3 line,
         pose[k] += (double)slope[k];
 }
 
+/* Adds a line's row to row[nodes], and tells its gap and the place that it is of (m). */
+static void regi_infer_add_line(const reg_infer *f, const regi_marks_line *line, sb_vec3 *row, double *gap,
+                                sb_vec3 *place)
+{
+    const sb_mapping *mapping = &f->marks.rows.mapping;
+    const sb_vec3 *x = sb_body_positions(f->model->body);
+    *place = sb_v3(0, 0, 0);
+    for (int end = 0; end < 2; end++) {
+        sb_real part = end ? line->share : 1 - line->share;
+        for (int k = mapping->row_start[line->points[end]]; k < mapping->row_start[line->points[end] + 1]; k++) {
+            int node = mapping->nodes[k];
+            *place = sb_v3_madd(*place, part * mapping->weights[k], x[node]);
+            row[node] = sb_v3_madd(row[node], part * mapping->weights[k], line->axis);
+        }
+    }
+    *gap = (double)sb_v3_dot(sb_v3_sub(line->seen, *place), line->axis);
+}
+
 REGI_API void regi_infer_row(const reg_infer *f, int datum, sb_vec3 *row, double *gap, double pose[REGI_INFER_POSE])
 {
     int patch = f->patch_of[datum];
     *gap = 0;
     memset(pose, 0, REGI_INFER_POSE * sizeof *pose);
     if (patch < 0) {
-        const regi_infer_line *line = f->lines + (-1 - patch);
+        const regi_marks_line *line = f->marks.lines + (-1 - patch);
         sb_vec3 place;
         regi_infer_add_line(f, line, row, gap, &place);
         regi_infer_add_pose(f, place, line->axis, pose);
@@ -13211,9 +13308,10 @@ REGI_API double regi_infer_measure(const reg_infer *f, int datum, const sb_vec3 
     int patch = f->patch_of[datum];
     double sum = 0;
     if (patch < 0) {
-        const regi_infer_line *line = f->lines + (-1 - patch);
-        return (double)(1 - line->share) * regi_infer_measure_point(&f->marks.mapping, line->points[0], line->axis, u) +
-               (double)line->share * regi_infer_measure_point(&f->marks.mapping, line->points[1], line->axis, u);
+        const regi_marks_line *line = f->marks.lines + (-1 - patch);
+        return (double)(1 - line->share) *
+                   regi_infer_measure_point(&f->marks.rows.mapping, line->points[0], line->axis, u) +
+               (double)line->share * regi_infer_measure_point(&f->marks.rows.mapping, line->points[1], line->axis, u);
     }
     for (int i = f->look.patch_start[patch]; i < f->look.patch_start[patch + 1]; i++) {
         const regi_look_point *p = f->look.points + i;
@@ -13715,7 +13813,7 @@ static void regi_infer_move_row(reg_infer *f, int datum)
     int patch = f->patch_of[datum];
     if (patch < 0) {
         for (int k = 0; k < 2; k++)
-            regi_infer_move_point(f, datum, &f->marks.mapping, f->lines[-1 - patch].points[k]);
+            regi_infer_move_point(f, datum, &f->marks.rows.mapping, f->marks.lines[-1 - patch].points[k]);
         return;
     }
     for (int i = f->look.patch_start[patch]; i < f->look.patch_start[patch + 1]; i++)
@@ -14241,7 +14339,7 @@ static int regi_infer_widen(reg_infer *f)
 static sb_real regi_infer_sure(const reg_infer *f)
 {
     double way = 0, doubt = 0, alpha = regi_infer_alpha(f->quality.seen);
-    if (f->mark_count > 0)
+    if (f->marks.count > 0)
         return 1;
     for (int i = 0; i < f->node_count; i++)
         way += (double)sb_v3_dot(f->increment[i], f->increment[i]);
@@ -14255,7 +14353,7 @@ static sb_real regi_infer_sure(const reg_infer *f)
  * of it, or nothing where loads explain no more than a pose does. Landmarks and curves speak for the elastic shape. */
 static sb_real regi_infer_belief(const reg_infer *f)
 {
-    if (f->mark_count > 0 || f->quality.seen >= (sb_real)REGI_INFER_SMALL)
+    if (f->marks.count > 0 || f->quality.seen >= (sb_real)REGI_INFER_SMALL)
         return 1;
     return f->quality.prior_margin < 3 ? 0 : (sb_real)0.5;
 }
@@ -14477,8 +14575,21 @@ REGI_API int regi_infer_is_motion(const reg_rigid *motion)
            sb_m3_det(motion->rotation) > 0;
 }
 
+/* Those of a def, that count. */
+static regi_marks_def regi_infer_marks_of(const reg_infer_def *def)
+{
+    regi_marks_def marks;
+    marks.landmarks = def->landmarks;
+    marks.landmark_count = def->landmark_count;
+    marks.curves = def->curves;
+    marks.curve_count = def->curve_count;
+    marks.all = 0;
+    return marks;
+}
+
 static sb_result regi_infer_check(const reg_infer_def *def, sb_error *error)
 {
+    regi_marks_def marks;
     sb_result result;
     if (!def || def->cookie != REGI_INFER_COOKIE || !def->model)
         return sbi_fail(error, SB_ERROR_ARGUMENT,
@@ -14493,7 +14604,10 @@ static sb_result regi_infer_check(const reg_infer_def *def, sb_error *error)
                         (double)def->start_turn, def->max_seconds, def->gravity);
     if (!regi_infer_is_motion(&def->start))
         return sbi_fail(error, SB_ERROR_ARGUMENT, "the start is no rigid motion");
-    result = regi_infer_check_marks(def, error);
+    marks = regi_infer_marks_of(def);
+    result = regi_marks_check_model(&marks, error);
+    if (result == SB_OK)
+        result = regi_marks_check_seen(&marks, sb_v3(0, 0, 0), SB_REAL_MAX, error);
     if (result != SB_OK)
         return result;
     for (int i = 0; def->pressed && i < def->model->mesh.node_count; i++)
@@ -14537,14 +14651,12 @@ static void regi_infer_take_cloud(reg_infer *f)
 
 /* ---- life ---- */
 
-static int regi_infer_most_lines(const reg_infer *f) { return 3 * f->landmark_count + 2 * f->sample_count; }
-
-REGI_API int regi_infer_most_data(const reg_infer *f) { return f->look.patch_count + regi_infer_most_lines(f); }
+REGI_API int regi_infer_most_data(const reg_infer *f) { return f->look.patch_count + regi_marks_most_lines(&f->marks); }
 
 static void regi_infer_layout(reg_infer *f, sbi_arena *arena)
 {
     size_t n = (size_t)f->node_count, c = (size_t)f->model->prior.control_count, points = (size_t)f->look.point_count;
-    size_t patches = (size_t)f->look.patch_count, marks = (size_t)f->mark_count, loads = (size_t)f->loads;
+    size_t patches = (size_t)f->look.patch_count, loads = (size_t)f->loads;
     size_t most = (size_t)regi_infer_most_data(f) + REGI_GAUSS_EXACT, cells = (size_t)f->model->domain.cell_count;
     size_t width = (size_t)f->model->domain.nodes_per_cell, real = sizeof(double), vec = sizeof(sb_vec3);
     f->look.points = (regi_look_point *)sbi_arena_take(arena, points, sizeof(regi_look_point));
@@ -14552,9 +14664,7 @@ static void regi_infer_layout(reg_infer *f, sbi_arena *arena)
     f->patch_of = (int *)sbi_arena_take(arena, most, sizeof(int));
     f->look.sort = (sb_real *)sbi_arena_take(arena, points + patches, sizeof(sb_real));
     f->averaged = (double *)sbi_arena_take(arena, most, real);
-    f->mark_places = (sb_vec3 *)sbi_arena_take(arena, marks, vec);
-    f->lines = (regi_infer_line *)sbi_arena_take(arena, (size_t)regi_infer_most_lines(f), sizeof(regi_infer_line));
-    f->samples = (regi_infer_sample *)sbi_arena_take(arena, (size_t)f->sample_count, sizeof(regi_infer_sample));
+    regi_marks_layout(&f->marks, arena);
     f->raw = (double *)sbi_arena_take(arena, loads, most * real);
     f->root = (double *)sbi_arena_take(arena, c, c * real);
     f->turned_root = (double *)sbi_arena_take(arena, c, c * real);
@@ -14614,11 +14724,12 @@ static size_t regi_infer_widest(const sb_mapping *mapping, int rows)
 static sb_result regi_infer_make_between(reg_infer *f, sb_error *error)
 {
     const reg_model *m = f->model;
-    size_t n = (size_t)f->node_count, lines = (size_t)regi_infer_most_lines(f), dense = (size_t)f->look.patch_count * n;
+    size_t n = (size_t)f->node_count, lines = (size_t)regi_marks_most_lines(&f->marks),
+           dense = (size_t)f->look.patch_count * n;
     size_t points = 3 * (size_t)f->look.point_count * regi_infer_widest(&m->rows.mapping, m->skin.node_count);
     size_t entries = points < dense ? points : dense;
     if (lines > 0)
-        entries += 2 * lines * regi_infer_widest(&f->marks.mapping, f->mark_count);
+        entries += 2 * lines * regi_infer_widest(&f->marks.rows.mapping, f->marks.count);
     return sbi_between_create(f->response.direct, regi_infer_most_data(f), m->prior.control_count, entries,
                               &f->allocator, &f->between, error);
 }
@@ -14672,6 +14783,7 @@ static sb_result regi_infer_iterate(reg_infer *f, sb_error *error)
 
 static sb_result regi_infer_make(reg_infer *f, const sb_mesh *triangles, sb_error *error)
 {
+    regi_marks_def marks;
     sb_result result;
     f->node_count = f->model->mesh.node_count;
     f->response.model = f->model;
@@ -14682,7 +14794,8 @@ static sb_result regi_infer_make(reg_infer *f, const sb_mesh *triangles, sb_erro
     f->loads = 3 * f->model->prior.control_count + REGI_INFER_WEIGHT + (f->def->pressed != NULL);
     f->look.point_count = triangles ? triangles->node_count : f->def->target.count;
     f->look.patch_count = sbi_min_int(f->def->samples, f->look.point_count);
-    regi_infer_count_marks(f);
+    marks = regi_infer_marks_of(f->def);
+    regi_marks_count(&f->marks, &marks, f->model->size);
     result = regi_infer_allocate(f, error);
     if (result != SB_OK)
         return result;
@@ -14693,8 +14806,10 @@ static sb_result regi_infer_make(reg_infer *f, const sb_mesh *triangles, sb_erro
     result = regi_infer_group(f, f->look.patch_count, error);
     if (result == SB_OK) {
         f->spacing = regi_infer_spacing(f);
-        result = regi_infer_take_marks(f, error);
+        result = regi_marks_place(&f->marks, &marks, &f->model->mesh, &f->allocator, &f->model->jobs, error);
     }
+    if (result == SB_OK)
+        regi_marks_see(&f->marks, &marks);
     if (result == SB_OK)
         result = regi_infer_make_between(f, error);
     if (result == SB_OK)
@@ -14744,7 +14859,7 @@ REG_API void reg_infer_destroy(reg_infer *infer)
     if (!infer)
         return;
     allocator = infer->allocator;
-    sb_embedding_rows_free(&infer->marks);
+    sb_embedding_rows_free(&infer->marks.rows);
     sbi_between_free(infer->between);
     regi_gauss_free(&infer->gauss);
     sbi_free(&allocator, infer->memory);

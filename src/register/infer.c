@@ -50,8 +50,21 @@ REGI_API int regi_infer_is_motion(const reg_rigid *motion)
            sb_m3_det(motion->rotation) > 0;
 }
 
+/* Those of a def, that count. */
+static regi_marks_def regi_infer_marks_of(const reg_infer_def *def)
+{
+    regi_marks_def marks;
+    marks.landmarks = def->landmarks;
+    marks.landmark_count = def->landmark_count;
+    marks.curves = def->curves;
+    marks.curve_count = def->curve_count;
+    marks.all = 0;
+    return marks;
+}
+
 static sb_result regi_infer_check(const reg_infer_def *def, sb_error *error)
 {
+    regi_marks_def marks;
     sb_result result;
     if (!def || def->cookie != REGI_INFER_COOKIE || !def->model)
         return sbi_fail(error, SB_ERROR_ARGUMENT,
@@ -66,7 +79,10 @@ static sb_result regi_infer_check(const reg_infer_def *def, sb_error *error)
                         (double)def->start_turn, def->max_seconds, def->gravity);
     if (!regi_infer_is_motion(&def->start))
         return sbi_fail(error, SB_ERROR_ARGUMENT, "the start is no rigid motion");
-    result = regi_infer_check_marks(def, error);
+    marks = regi_infer_marks_of(def);
+    result = regi_marks_check_model(&marks, error);
+    if (result == SB_OK)
+        result = regi_marks_check_seen(&marks, sb_v3(0, 0, 0), SB_REAL_MAX, error);
     if (result != SB_OK)
         return result;
     for (int i = 0; def->pressed && i < def->model->mesh.node_count; i++)
@@ -110,14 +126,12 @@ static void regi_infer_take_cloud(reg_infer *f)
 
 /* ---- life ---- */
 
-static int regi_infer_most_lines(const reg_infer *f) { return 3 * f->landmark_count + 2 * f->sample_count; }
-
-REGI_API int regi_infer_most_data(const reg_infer *f) { return f->look.patch_count + regi_infer_most_lines(f); }
+REGI_API int regi_infer_most_data(const reg_infer *f) { return f->look.patch_count + regi_marks_most_lines(&f->marks); }
 
 static void regi_infer_layout(reg_infer *f, sbi_arena *arena)
 {
     size_t n = (size_t)f->node_count, c = (size_t)f->model->prior.control_count, points = (size_t)f->look.point_count;
-    size_t patches = (size_t)f->look.patch_count, marks = (size_t)f->mark_count, loads = (size_t)f->loads;
+    size_t patches = (size_t)f->look.patch_count, loads = (size_t)f->loads;
     size_t most = (size_t)regi_infer_most_data(f) + REGI_GAUSS_EXACT, cells = (size_t)f->model->domain.cell_count;
     size_t width = (size_t)f->model->domain.nodes_per_cell, real = sizeof(double), vec = sizeof(sb_vec3);
     f->look.points = (regi_look_point *)sbi_arena_take(arena, points, sizeof(regi_look_point));
@@ -125,9 +139,7 @@ static void regi_infer_layout(reg_infer *f, sbi_arena *arena)
     f->patch_of = (int *)sbi_arena_take(arena, most, sizeof(int));
     f->look.sort = (sb_real *)sbi_arena_take(arena, points + patches, sizeof(sb_real));
     f->averaged = (double *)sbi_arena_take(arena, most, real);
-    f->mark_places = (sb_vec3 *)sbi_arena_take(arena, marks, vec);
-    f->lines = (regi_infer_line *)sbi_arena_take(arena, (size_t)regi_infer_most_lines(f), sizeof(regi_infer_line));
-    f->samples = (regi_infer_sample *)sbi_arena_take(arena, (size_t)f->sample_count, sizeof(regi_infer_sample));
+    regi_marks_layout(&f->marks, arena);
     f->raw = (double *)sbi_arena_take(arena, loads, most * real);
     f->root = (double *)sbi_arena_take(arena, c, c * real);
     f->turned_root = (double *)sbi_arena_take(arena, c, c * real);
@@ -187,11 +199,12 @@ static size_t regi_infer_widest(const sb_mapping *mapping, int rows)
 static sb_result regi_infer_make_between(reg_infer *f, sb_error *error)
 {
     const reg_model *m = f->model;
-    size_t n = (size_t)f->node_count, lines = (size_t)regi_infer_most_lines(f), dense = (size_t)f->look.patch_count * n;
+    size_t n = (size_t)f->node_count, lines = (size_t)regi_marks_most_lines(&f->marks),
+           dense = (size_t)f->look.patch_count * n;
     size_t points = 3 * (size_t)f->look.point_count * regi_infer_widest(&m->rows.mapping, m->skin.node_count);
     size_t entries = points < dense ? points : dense;
     if (lines > 0)
-        entries += 2 * lines * regi_infer_widest(&f->marks.mapping, f->mark_count);
+        entries += 2 * lines * regi_infer_widest(&f->marks.rows.mapping, f->marks.count);
     return sbi_between_create(f->response.direct, regi_infer_most_data(f), m->prior.control_count, entries,
                               &f->allocator, &f->between, error);
 }
@@ -245,6 +258,7 @@ static sb_result regi_infer_iterate(reg_infer *f, sb_error *error)
 
 static sb_result regi_infer_make(reg_infer *f, const sb_mesh *triangles, sb_error *error)
 {
+    regi_marks_def marks;
     sb_result result;
     f->node_count = f->model->mesh.node_count;
     f->response.model = f->model;
@@ -255,7 +269,8 @@ static sb_result regi_infer_make(reg_infer *f, const sb_mesh *triangles, sb_erro
     f->loads = 3 * f->model->prior.control_count + REGI_INFER_WEIGHT + (f->def->pressed != NULL);
     f->look.point_count = triangles ? triangles->node_count : f->def->target.count;
     f->look.patch_count = sbi_min_int(f->def->samples, f->look.point_count);
-    regi_infer_count_marks(f);
+    marks = regi_infer_marks_of(f->def);
+    regi_marks_count(&f->marks, &marks, f->model->size);
     result = regi_infer_allocate(f, error);
     if (result != SB_OK)
         return result;
@@ -266,8 +281,10 @@ static sb_result regi_infer_make(reg_infer *f, const sb_mesh *triangles, sb_erro
     result = regi_infer_group(f, f->look.patch_count, error);
     if (result == SB_OK) {
         f->spacing = regi_infer_spacing(f);
-        result = regi_infer_take_marks(f, error);
+        result = regi_marks_place(&f->marks, &marks, &f->model->mesh, &f->allocator, &f->model->jobs, error);
     }
+    if (result == SB_OK)
+        regi_marks_see(&f->marks, &marks);
     if (result == SB_OK)
         result = regi_infer_make_between(f, error);
     if (result == SB_OK)
@@ -317,7 +334,7 @@ REG_API void reg_infer_destroy(reg_infer *infer)
     if (!infer)
         return;
     allocator = infer->allocator;
-    sb_embedding_rows_free(&infer->marks);
+    sb_embedding_rows_free(&infer->marks.rows);
     sbi_between_free(infer->between);
     regi_gauss_free(&infer->gauss);
     sbi_free(&allocator, infer->memory);

@@ -263,7 +263,7 @@ static int regi_infer_widen(reg_infer *f)
 static sb_real regi_infer_sure(const reg_infer *f)
 {
     double way = 0, doubt = 0, alpha = regi_infer_alpha(f->quality.seen);
-    if (f->mark_count > 0)
+    if (f->marks.count > 0)
         return 1;
     for (int i = 0; i < f->node_count; i++)
         way += (double)sb_v3_dot(f->increment[i], f->increment[i]);
@@ -277,7 +277,7 @@ static sb_real regi_infer_sure(const reg_infer *f)
  * of it, or nothing where loads explain no more than a pose does. Landmarks and curves speak for the elastic shape. */
 static sb_real regi_infer_belief(const reg_infer *f)
 {
-    if (f->mark_count > 0 || f->quality.seen >= (sb_real)REGI_INFER_SMALL)
+    if (f->marks.count > 0 || f->quality.seen >= (sb_real)REGI_INFER_SMALL)
         return 1;
     return f->quality.prior_margin < 3 ? 0 : (sb_real)0.5;
 }

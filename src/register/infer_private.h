@@ -8,6 +8,7 @@
 #include "infer.h"
 #include "kdtree.h"
 #include "look.h"
+#include "marks.h"
 #include "response.h"
 
 enum {
@@ -21,22 +22,6 @@ enum {
 /* Length of the tractions, in shares of the size: about that of tools and hands. Longer ones, which evidence may well
  * prefer, need so large a scale for what is local that the organ bends by far too much where it is not seen. */
 #define REGI_INFER_LENGTH 0.06
-
-/* A row of a landmark, or of a place that a curve is seen at: a gap along an axis. */
-typedef struct regi_infer_line {
-    int points[2];   /* rows of the marks: the organ's place is between these, */
-    sb_real share;   /* by so much of the second */
-    sb_vec3 axis;    /* unit, in space */
-    sb_vec3 seen;    /* m */
-    double variance; /* m^2 */
-} regi_infer_line;
-
-/* Where a curve is seen. */
-typedef struct regi_infer_sample {
-    sb_vec3 seen, tangent; /* m; unit */
-    double variance;       /* m^2 */
-    int first, count;      /* rows of the marks: corners of the model's line */
-} regi_infer_sample;
 
 /* What the prior of the loads is like. */
 typedef struct regi_infer_choice {
@@ -60,17 +45,12 @@ struct reg_infer {
     regi_infer_choice choice;
     reg_quality quality;
     void *memory;
-    int node_count, landmark_count, sample_count;
-    int mark_count;          /* landmarks, then corners of the model's lines */
-    int loads;               /* 3 per control point, the weight's, and that of a pressure where there may be one */
-    double begun;            /* on the clock */
-    int *patch_of;           /* [count of data] patch, or -1 - line */
-    double *averaged;        /* [data] m^2: the part of the variance that averages out */
-    sb_embedding_rows marks; /* in the mesh */
-    sb_vec3 *mark_places;    /* [mark_count] m, at rest, then where they are now */
-    regi_infer_line *lines;  /* [line_count]: three of each landmark, then two of each sample that has a place */
-    int line_count;
-    regi_infer_sample *samples; /* [sample_count] */
+    int node_count;
+    int loads;           /* 3 per control point, the weight's, and that of a pressure where there may be one */
+    double begun;        /* on the clock */
+    int *patch_of;       /* [count of data] patch, or -1 - line */
+    double *averaged;    /* [data] m^2: the part of the variance that averages out */
+    regi_marks marks;    /* landmarks and curves */
     double *raw;         /* [loads][gauss.most] responses of data, then resultants, to unit tractions and weight */
     int rooted;          /* root is of tractions alike everywhere: 1, of `local`: 2, of none of them: 0 */
     double *root;        /* [c][c] of the present prior, lower triangle */
@@ -129,19 +109,6 @@ REGI_API void regi_infer_row(const reg_infer *infer, int datum, sb_vec3 *row, do
                              double pose[REGI_INFER_POSE]);
 /* What displacements u[nodes] do to a datum (m). */
 REGI_API double regi_infer_measure(const reg_infer *infer, int datum, const sb_vec3 *u);
-
-/* ---- infer_marks ---- */
-/* Numbers in range. SB_ERROR_ARGUMENT, SB_ERROR_NOT_FINITE (error->node: the landmark or the curve). */
-REGI_API sb_result regi_infer_check_marks(const reg_infer_def *def, sb_error *error);
-/* landmark_count, sample_count and mark_count of the def. */
-REGI_API void regi_infer_count_marks(reg_infer *infer);
-/* marks, samples, and the lines of landmarks. SB_ERROR_MEMORY, and what sb_embedding_create says. */
-REGI_API sb_result regi_infer_take_marks(reg_infer *infer, sb_error *error);
-/* Looks for the samples' places on the model's lines where the organ is now: the lines of curves. */
-REGI_API void regi_infer_follow_curves(reg_infer *infer);
-/* Adds a line's row to row[nodes], and tells its gap and the place that it is of (m). */
-REGI_API void regi_infer_add_line(const reg_infer *infer, const regi_infer_line *line, sb_vec3 *row, double *gap,
-                                  sb_vec3 *place);
 
 /* ---- infer_prior ---- */
 /* What a model cannot follow (m). */

@@ -58,7 +58,7 @@ static void regi_infer_move_row(reg_infer *f, int datum)
     int patch = f->patch_of[datum];
     if (patch < 0) {
         for (int k = 0; k < 2; k++)
-            regi_infer_move_point(f, datum, &f->marks.mapping, f->lines[-1 - patch].points[k]);
+            regi_infer_move_point(f, datum, &f->marks.rows.mapping, f->marks.lines[-1 - patch].points[k]);
         return;
     }
     for (int i = f->look.patch_start[patch]; i < f->look.patch_start[patch + 1]; i++)

@@ -107,8 +107,8 @@ static int regi_infer_list_data(reg_infer *f)
             f->patch_of[f->gauss.count++] = s;
         }
     patches = f->gauss.count;
-    for (int k = 0; k < f->line_count; k++) {
-        f->averaged[f->gauss.count] = f->lines[k].variance;
+    for (int k = 0; k < f->marks.line_count; k++) {
+        f->averaged[f->gauss.count] = f->marks.lines[k].variance;
         f->patch_of[f->gauss.count++] = -1 - k;
     }
     return patches;
@@ -134,7 +134,9 @@ REGI_API int regi_infer_look(reg_infer *f, int round)
     for (int i = 0; i < f->look.point_count; i++)
         regi_look_place(&f->look, f->look.points + i);
     regi_look_judge(&f->look, regi_infer_early_limit(f, round), round < 2 ? 4 : 6);
-    regi_infer_follow_curves(f);
+    if (f->marks.sample_count > 0)
+        sb_mapping_apply(&f->marks.rows.mapping, sb_body_positions(m->body), f->marks.places);
+    regi_marks_follow(&f->marks);
     return regi_infer_list_data(f);
 }
 
@@ -155,13 +157,31 @@ static void regi_infer_add_pose(const reg_infer *f, sb_vec3 place, sb_vec3 line,
         pose[k] += (double)slope[k];
 }
 
+/* Adds a line's row to row[nodes], and tells its gap and the place that it is of (m). */
+static void regi_infer_add_line(const reg_infer *f, const regi_marks_line *line, sb_vec3 *row, double *gap,
+                                sb_vec3 *place)
+{
+    const sb_mapping *mapping = &f->marks.rows.mapping;
+    const sb_vec3 *x = sb_body_positions(f->model->body);
+    *place = sb_v3(0, 0, 0);
+    for (int end = 0; end < 2; end++) {
+        sb_real part = end ? line->share : 1 - line->share;
+        for (int k = mapping->row_start[line->points[end]]; k < mapping->row_start[line->points[end] + 1]; k++) {
+            int node = mapping->nodes[k];
+            *place = sb_v3_madd(*place, part * mapping->weights[k], x[node]);
+            row[node] = sb_v3_madd(row[node], part * mapping->weights[k], line->axis);
+        }
+    }
+    *gap = (double)sb_v3_dot(sb_v3_sub(line->seen, *place), line->axis);
+}
+
 REGI_API void regi_infer_row(const reg_infer *f, int datum, sb_vec3 *row, double *gap, double pose[REGI_INFER_POSE])
 {
     int patch = f->patch_of[datum];
     *gap = 0;
     memset(pose, 0, REGI_INFER_POSE * sizeof *pose);
     if (patch < 0) {
-        const regi_infer_line *line = f->lines + (-1 - patch);
+        const regi_marks_line *line = f->marks.lines + (-1 - patch);
         sb_vec3 place;
         regi_infer_add_line(f, line, row, gap, &place);
         regi_infer_add_pose(f, place, line->axis, pose);
@@ -193,9 +213,10 @@ REGI_API double regi_infer_measure(const reg_infer *f, int datum, const sb_vec3 
     int patch = f->patch_of[datum];
     double sum = 0;
     if (patch < 0) {
-        const regi_infer_line *line = f->lines + (-1 - patch);
-        return (double)(1 - line->share) * regi_infer_measure_point(&f->marks.mapping, line->points[0], line->axis, u) +
-               (double)line->share * regi_infer_measure_point(&f->marks.mapping, line->points[1], line->axis, u);
+        const regi_marks_line *line = f->marks.lines + (-1 - patch);
+        return (double)(1 - line->share) *
+                   regi_infer_measure_point(&f->marks.rows.mapping, line->points[0], line->axis, u) +
+               (double)line->share * regi_infer_measure_point(&f->marks.rows.mapping, line->points[1], line->axis, u);
     }
     for (int i = f->look.patch_start[patch]; i < f->look.patch_start[patch + 1]; i++) {
         const regi_look_point *p = f->look.points + i;
