@@ -266,6 +266,7 @@
 #define reg_track_destroy reg_track_destroy_f32
 #define reg_track_restart reg_track_restart_f32
 #define reg_track_set_target reg_track_set_target_f32
+#define reg_track_set_features reg_track_set_features_f32
 #define reg_track_step reg_track_step_f32
 #define reg_track_displacements reg_track_displacements_f32
 #define reg_track_covariances reg_track_covariances_f32
@@ -1517,6 +1518,7 @@ REG_API const char *reg_infer_stop_string(reg_infer_stop stop);
  *     reg_track_create(&def, &track, &error);
  *     every frame:
  *         reg_track_set_target(track, &points, &error);   (the scan of now; none where it dropped out)
+ *         reg_track_set_features(track, marks, NULL, &error); (landmarks and curves of now, if def names some)
  *         reg_track_step(track, dt, &info);
  *         reg_track_displacements(track, displacements);
  *     reg_track_destroy(track);
@@ -1567,9 +1569,14 @@ typedef struct reg_track_def {
     sb_real turn;           /* rad, in [0, 10]: and of the turn; default 0: 0.15 */
     sb_real misfit;         /* m: of what does not average out, as facets; default 0: what `start` found, or what the
                              * model's nodes let expect */
-    double lost_after;      /* s, > 0: without a target for longer the organ is lost; default 0.5 */
-    sb_clock clock;         /* default NULL: times read 0 */
-    unsigned cookie;        /* set by reg_default_track_def */
+    double lost_after;      /* s, > 0: without a target or features for longer the organ is lost; default 0.5 */
+    const reg_landmark *landmarks; /* [landmark_count] or NULL: points of the organ that frames may tell of. Their
+                                    * `model` is copied; where they are seen, and how sure, comes with each frame */
+    int landmark_count;            /* [0, 1000] */
+    const reg_curve *curves;       /* [curve_count] or NULL: lines of the organ likewise: ridges, vessels */
+    int curve_count;               /* [0, 1000] */
+    sb_clock clock;                /* default NULL: times read 0 */
+    unsigned cookie;               /* set by reg_default_track_def */
 } reg_track_def;
 REG_API reg_track_def reg_default_track_def(void);
 
@@ -1591,30 +1598,46 @@ REG_API sb_result reg_track_restart(reg_track *track, const reg_infer *start, sb
  * also for more than def.most_points, and SB_ERROR_NOT_FINITE (error->node: the point): nothing has changed. */
 REG_API sb_result reg_track_set_target(reg_track *track, const reg_points *target, sb_error *error);
 
+/* Which of the def's landmarks and curves are seen now, and where, for the next step: landmarks[def.landmark_count] and
+ * curves[def.curve_count] in the def's order, of which `seen` and `sd` are read and copied. An infinite sd stands for
+ * what is not seen now: it counts nothing, and its `seen` is not looked at. Replaces features that wait; a step takes
+ * them in beside a target or without one. They are rows of the state, as patches of the target are, but counted for
+ * what they are by themselves: the farther one is off what was expected of it, the less it counts (Student's t of three
+ * degrees of freedom), so that one that is taken for another does little, while all that move alike are followed.
+ * Deviations below a ten-thousandth of the organ's size count as that.
+ *
+ * NULL where the def has none. SB_ERROR_ARGUMENT (NULL, an sd out of its range, a line without length, a place farther
+ * than 100 of the organ's sizes from where it is: most often one in millimetres) and SB_ERROR_NOT_FINITE name the
+ * landmark or curve (error->node): nothing has changed. Allocates nothing. */
+REG_API sb_result reg_track_set_features(reg_track *track, const reg_landmark *landmarks, const reg_curve *curves,
+                                         sb_error *error);
+
 typedef enum reg_track_state {
     REG_TRACK_FOLLOWS = 0,  /* the target was taken in */
-    REG_TRACK_PREDICTS = 1, /* there was none, no point of it had an allowed place, or the step failed: the organ is
-                             * where it was */
+    REG_TRACK_PREDICTS = 1, /* there was none, nor a feature, nothing of it had an allowed place, or the step failed:
+                             * the organ is where it was */
     REG_TRACK_JUMPED = 2,   /* three targets in a row agreed with nothing that was expected: all is open again */
     REG_TRACK_LOST = 3      /* no target for longer than def.lost_after: restart, from reg_icp's or another pose */
 } reg_track_state;
 
 typedef struct reg_track_info {
     reg_track_state state;
-    double time;        /* s: sum of all steps */
-    double blind;       /* s since the last target that was taken in */
-    sb_real seen;       /* share of the surface with points that are believed, this frame */
-    sb_real used;       /* share of the target's weight that was believed */
-    sb_real noise;      /* m: standard deviation of the points across the surface, estimated */
-    sb_real residual;   /* m: mean distance of the points believed from the surface, before the last correction */
+    double time;      /* s: sum of all steps */
+    double blind;     /* s since the last target that was taken in */
+    sb_real seen;     /* share of the surface with points that are believed, this frame */
+    sb_real used;     /* share of the target's weight that was believed */
+    sb_real noise;    /* m: standard deviation of the points across the surface, estimated */
+    sb_real trusted;  /* of landmarks and places of curves seen: how much they count, [0, 1], mean; 0: none was seen */
+    sb_real residual; /* m: mean distance of the points believed from the surface, before the last correction */
     sb_real innovation; /* squared gaps over what was expected of them, mean: about 1 or less */
     sb_real expected;   /* m: root mean square error to expect, over the nodes */
     double seconds;     /* with a clock */
     sb_error error;     /* of a step that failed */
 } reg_track_info;
 
-/* Goes on by dt (s, > 0), and takes in the target that waits, if there is one. Allocates nothing. info may be NULL.
- * SB_ERROR_ARGUMENT, SB_ERROR_INDEFINITE, SB_ERROR_NOT_FINITE: nothing has changed but that the target is gone. */
+/* Goes on by dt (s, > 0), and takes in the target and the features that wait, if there are any. Allocates nothing. info
+ * may be NULL. SB_ERROR_ARGUMENT, SB_ERROR_INDEFINITE, SB_ERROR_NOT_FINITE: nothing has changed but that target and
+ * features are gone. */
 REG_API sb_result reg_track_step(reg_track *track, double dt, reg_track_info *info);
 
 /* ---- where it is: SB_ERROR_ARGUMENT for NULL -------------------------------------------------------------------- */
@@ -1627,7 +1650,7 @@ REG_API sb_result reg_track_covariances(const reg_track *track, sb_mat3 *covaria
 
 /* ---- undo, replays, a start where another run ended -------------------------------------------------------------- */
 
-/* A saved tracker holds all that steps, restarts and targets change, a target that waits included: what follows a load
+/* A saved tracker holds all that steps, restarts and targets change, what waits included: what follows a load
  * is what followed the save, bit for bit, also in another process or machine. It is loaded into a tracker of the same
  * model that was made with the same def (most_points may differ), in the same precision. Some
  * 3 (modes + 1) reals a node. The model and its body are not part of it: steps leave them alone.
@@ -12624,7 +12647,10 @@ typedef struct regi_marks {
     sb_real size;           /* m, of the organ */
     int count;              /* marks: landmarks, then corners of the model's lines */
     int landmark_count;     /* of them */
+    int curve_count;        /* of the def, also those that are left out */
     int most_samples;       /* that there is room for */
+    int *starts;            /* [curve_count + 1] first mark of each curve */
+    int *seen;              /* [landmark_count] 1: it is seen; [curve_count] at how many places a curve is */
     sb_embedding_rows rows; /* of the marks in the mesh */
     sb_vec3 *places;        /* [count] m: at rest, then where they are now */
     regi_marks_line *lines; /* [line_count]: three of each landmark seen, then two of each sample that has a place */
@@ -12659,6 +12685,10 @@ REGI_API sb_result regi_marks_place(regi_marks *marks, const regi_marks_def *def
                                     const sb_allocator *allocator, const sb_jobs *jobs, sb_error *error);
 /* Takes what is seen: the lines of landmarks, and samples of curves. */
 REGI_API void regi_marks_see(regi_marks *marks, const regi_marks_def *def);
+/* Nothing is. */
+REGI_API void regi_marks_forget(regi_marks *marks);
+/* What follows from `seen`, the first of each landmark's lines, and the samples' places. */
+REGI_API void regi_marks_index(regi_marks *marks);
 /* Looks for the samples' places on the model's lines where the marks are now (places): the lines of curves. */
 REGI_API void regi_marks_follow(regi_marks *marks);
 
@@ -12800,6 +12830,7 @@ REGI_API void regi_marks_count(regi_marks *m, const regi_marks_def *def, sb_real
 {
     m->size = size;
     m->landmark_count = m->most_samples = 0;
+    m->curve_count = def->curve_count;
     for (int i = 0; i < def->landmark_count; i++)
         m->landmark_count += regi_marks_has_landmark(def, i);
     m->count = m->landmark_count;
@@ -12814,6 +12845,8 @@ REGI_API int regi_marks_most_lines(const regi_marks *m) { return 3 * m->landmark
 
 REGI_API void regi_marks_layout(regi_marks *m, sbi_arena *arena)
 {
+    m->starts = (int *)sbi_arena_take(arena, (size_t)m->curve_count + 1, sizeof(int));
+    m->seen = (int *)sbi_arena_take(arena, (size_t)m->landmark_count + (size_t)m->curve_count, sizeof(int));
     m->places = (sb_vec3 *)sbi_arena_take(arena, (size_t)m->count, sizeof(sb_vec3));
     m->lines = (regi_marks_line *)sbi_arena_take(arena, (size_t)regi_marks_most_lines(m), sizeof(regi_marks_line));
     m->samples = (regi_marks_sample *)sbi_arena_take(arena, (size_t)m->most_samples, sizeof(regi_marks_sample));
@@ -12831,12 +12864,14 @@ REGI_API sb_result regi_marks_place(regi_marks *m, const regi_marks_def *def, co
     for (int i = 0; i < def->landmark_count; i++)
         if (regi_marks_has_landmark(def, i))
             m->places[mark++] = def->landmarks[i].model;
+    m->starts[0] = mark;
     for (int i = 0; i < def->curve_count; i++) {
         const reg_curve *curve = def->curves + i;
-        if (!regi_marks_has_curve(def, i))
-            continue;
-        memcpy(m->places + mark, curve->model, (size_t)curve->model_count * sizeof *curve->model);
-        mark += curve->model_count;
+        if (regi_marks_has_curve(def, i)) {
+            memcpy(m->places + mark, curve->model, (size_t)curve->model_count * sizeof *curve->model);
+            mark += curve->model_count;
+        }
+        m->starts[i + 1] = mark;
     }
     embed.mesh = mesh;
     embed.points = m->places;
@@ -12854,20 +12889,35 @@ REGI_API sb_result regi_marks_place(regi_marks *m, const regi_marks_def *def, co
 
 /* ---- what is seen ---- */
 
-static void regi_marks_see_landmark(regi_marks *m, const reg_landmark *landmark, int mark)
+REGI_API void regi_marks_index(regi_marks *m)
 {
-    for (int k = 0; k < 3; k++) {
-        regi_marks_line *line = m->lines + m->fixed_count++;
-        line->points[0] = line->points[1] = mark;
-        line->share = 0;
-        line->axis = sb_v3(k == 0, k == 1, k == 2);
-        line->seen = landmark->seen;
-        line->variance = (double)landmark->sd * (double)landmark->sd;
-    }
+    m->fixed_count = m->sample_count = 0;
+    for (int mark = 0; mark < m->landmark_count; mark++)
+        for (int k = 0; k < 3 && m->seen[mark]; k++) {
+            regi_marks_line *line = m->lines + m->fixed_count++;
+            *line = line[-k];
+            line->points[0] = line->points[1] = mark;
+            line->share = 0;
+            line->axis = sb_v3(k == 0, k == 1, k == 2);
+        }
+    for (int i = 0; i < m->curve_count; i++)
+        for (int k = 0; k < m->seen[m->landmark_count + i]; k++) {
+            regi_marks_sample *sample = m->samples + m->sample_count++;
+            sample->first = m->starts[i];
+            sample->count = m->starts[i + 1] - m->starts[i];
+        }
+    m->line_count = m->fixed_count;
+}
+
+REGI_API void regi_marks_forget(regi_marks *m)
+{
+    for (int i = 0; i < m->landmark_count + m->curve_count; i++)
+        m->seen[i] = 0;
+    regi_marks_index(m);
 }
 
 /* The middles of `count` pieces of one length that what is seen of a curve is cut into. */
-static void regi_marks_sample_curve(const reg_curve *curve, int first, int count, regi_marks_sample *samples)
+static void regi_marks_sample_curve(const reg_curve *curve, int count, regi_marks_sample *samples)
 {
     sb_real length = regi_marks_length(curve->seen, curve->seen_count), behind = 0;
     int corner = 0;
@@ -12884,29 +12934,30 @@ static void regi_marks_sample_curve(const reg_curve *curve, int first, int count
         samples[k].tangent = sb_v3_scale(way > 0 ? 1 / way : 0, along);
         samples[k].seen = sb_v3_madd(curve->seen[corner], sb_min(at - behind, way), samples[k].tangent);
         samples[k].variance = (double)curve->sd * (double)curve->sd;
-        samples[k].first = first;
-        samples[k].count = curve->model_count;
     }
 }
 
 REGI_API void regi_marks_see(regi_marks *m, const regi_marks_def *def)
 {
-    int mark = 0;
-    m->fixed_count = m->sample_count = 0;
+    int mark = 0, seen = 0, samples = 0;
     for (int i = 0; i < def->landmark_count; i++) {
-        if (sb_is_finite(def->landmarks[i].sd))
-            regi_marks_see_landmark(m, def->landmarks + i, mark);
-        mark += regi_marks_has_landmark(def, i);
+        const reg_landmark *landmark = def->landmarks + i;
+        int counts = sb_is_finite(landmark->sd);
+        if (counts) {
+            m->lines[3 * seen].seen = landmark->seen;
+            m->lines[3 * seen++].variance = (double)landmark->sd * (double)landmark->sd;
+        }
+        if (regi_marks_has_landmark(def, i))
+            m->seen[mark++] = counts;
     }
     for (int i = 0; i < def->curve_count; i++) {
-        const reg_curve *curve = def->curves + i;
-        int count = regi_marks_samples_of(m, curve);
+        int count = regi_marks_samples_of(m, def->curves + i);
         if (count > 0)
-            regi_marks_sample_curve(curve, mark, count, m->samples + m->sample_count);
-        m->sample_count += count;
-        mark += regi_marks_has_curve(def, i) ? curve->model_count : 0;
+            regi_marks_sample_curve(def->curves + i, count, m->samples + samples);
+        m->seen[m->landmark_count + i] = count;
+        samples += count;
     }
-    m->line_count = m->fixed_count;
+    regi_marks_index(m);
 }
 
 /* The nearest place on the model's line where that goes the way that is seen: by a share of the way from the mark that
@@ -15044,14 +15095,18 @@ struct reg_track {
     int *patch_of;      /* [triangles of the skin] */
     double *patch_area; /* [patches] m^2 */
     int patch_count;
-    int waiting; /* 1: incoming[] is a target */
+    regi_marks marks;    /* landmarks and curves: what waits of them, too */
+    sb_vec3 *mark_arms;  /* [marks] m, as arms */
+    double *mark_modes;  /* [marks][3][modes] m */
+    uint64_t marks_hash; /* of their places at rest */
+    int waiting;         /* 1: incoming[] is a target */
     int incoming_count;
     regi_look_point *incoming; /* [most_points] */
     int incoming_has_camera;
     sb_vec3 incoming_camera;
     sb_vec3 *skin;                      /* [skin nodes] where they are (m) */
-    double *rows;                       /* [patches + 3][unknowns] over their deviations */
-    double *gaps;                       /* [patches] likewise */
+    double *rows;                       /* [patches + 3 + lines of marks][unknowns] over their deviations */
+    double *gaps;                       /* [patches + lines of marks] likewise */
     double *forecast;                   /* [unknowns] of the state, before the target */
     double *state;                      /* [unknowns] of the look at hand: amounts, and the pose's way in this frame */
     double *information, *pull, *whole; /* [unknowns][unknowns] upper half, [unknowns] */
@@ -15075,7 +15130,7 @@ struct reg_track {
 REGI_API sb_result regi_track_linearise(reg_track *track, const sb_vec3 *displacements, const sb_real pose_sd[2],
                                         sb_error *error);
 
-/* What follows from arms and modes: those of the skin, and spread. */
+/* What follows from arms and modes: those of the skin and of marks, and spread. */
 REGI_API void regi_track_derive(reg_track *track);
 /* covariance (m^2) of where a node is, in the frame of the target; row: [unknowns] scratch. */
 REGI_API void regi_track_covariance_of(const reg_track *track, int node, double *row, sb_mat3 *covariance);
@@ -15083,7 +15138,7 @@ REGI_API void regi_track_covariance_of(const reg_track *track, int node, double 
 /* ---- track_frame ---- */
 /* next: what is known after dt (s) without a target. */
 REGI_API void regi_track_predict(reg_track *track, double dt);
-/* next: and with the one that waits. 0: no patch of it counts. */
+/* next: and with what waits, of targets and features. 0: no patch or line of it counts. */
 REGI_API sb_result regi_track_take_in(reg_track *track, int *counted, reg_track_info *info);
 /* Root mean square error to expect of the nodes (m). */
 REGI_API sb_real regi_track_expected(const reg_track *track, const regi_track_known *known);
@@ -15265,19 +15320,19 @@ static void regi_track_keep_modes(reg_track *t)
     }
 }
 
-/* Arms and shapes of the skin's nodes; skin[] is scratch. */
-static void regi_track_carry_skin(reg_track *t)
+/* arms[count] and modes[count][3][modes] of the points of a mapping; scratch: [count]. */
+static void regi_track_carry(const reg_track *t, const sb_mapping *mapping, int count, sb_vec3 *arms, double *modes,
+                             sb_vec3 *scratch)
 {
-    const sb_mapping *mapping = &t->model->rows.mapping;
     size_t q = (size_t)t->def.modes;
-    sb_mapping_apply(mapping, t->arms, t->skin_arms);
+    sb_mapping_apply(mapping, t->arms, arms);
     for (size_t k = 0; k < q; k++) {
-        sb_mapping_apply(mapping, t->modes + k * (size_t)t->node_count, t->skin);
-        for (int i = 0; i < t->skin_count; i++) {
-            double *to = t->skin_modes + (size_t)i * 3 * q + k;
-            to[0] = (double)t->skin[i].x;
-            to[q] = (double)t->skin[i].y;
-            to[2 * q] = (double)t->skin[i].z;
+        sb_mapping_apply(mapping, t->modes + k * (size_t)t->node_count, scratch);
+        for (int i = 0; i < count; i++) {
+            double *to = modes + (size_t)i * 3 * q + k;
+            to[0] = (double)scratch[i].x;
+            to[q] = (double)scratch[i].y;
+            to[2 * q] = (double)scratch[i].z;
         }
     }
 }
@@ -15333,7 +15388,9 @@ REGI_API void regi_track_covariance_of(const reg_track *t, int node, double *row
 
 REGI_API void regi_track_derive(reg_track *t)
 {
-    regi_track_carry_skin(t);
+    regi_track_carry(t, &t->model->rows.mapping, t->skin_count, t->skin_arms, t->skin_modes, t->skin);
+    if (t->marks.count > 0)
+        regi_track_carry(t, &t->marks.rows.mapping, t->marks.count, t->mark_arms, t->mark_modes, t->marks.places);
     regi_track_find_spread(t);
 }
 
@@ -15395,6 +15452,7 @@ REGI_API sb_result regi_track_linearise(reg_track *t, const sb_vec3 *displacemen
 /* ==== src/register/track_frame.c ==== */
 /* track_frame: what is known of an organ's pose and shape, from one frame to the next. */
 
+#include <math.h>
 #include <string.h>
 
 
@@ -15465,20 +15523,20 @@ static void regi_track_pose(const reg_track *t, sb_vec3 *place, sb_quat *turned)
     *turned = sb_quat_normalise(sb_quat_mul(t->next.turned, sb_quat_from_rotation_vector(turn)));
 }
 
-/* Moves the skin to the state at hand. */
-static sb_result regi_track_move_skin(reg_track *t, sb_vec3 place, sb_mat3 rotation, sb_error *error)
+/* Where points of these arms and shapes are in the state at hand: moved[count]. */
+static void regi_track_move(const reg_track *t, const sb_vec3 *arms, const double *modes, int count, sb_vec3 place,
+                            sb_mat3 rotation, sb_vec3 *moved)
 {
     size_t q = (size_t)t->def.modes;
-    for (int i = 0; i < t->skin_count; i++) {
-        const double *mode = t->skin_modes + (size_t)i * 3 * q;
+    for (int i = 0; i < count; i++) {
+        const double *mode = modes + (size_t)i * 3 * q;
         double sum[3] = {0, 0, 0};
         for (int axis = 0; axis < 3; axis++)
             for (size_t k = 0; k < q; k++)
                 sum[axis] += mode[(size_t)axis * q + k] * t->state[k];
-        t->skin[i] = sb_v3_add(t->skin_arms[i], sb_v3((sb_real)sum[0], (sb_real)sum[1], (sb_real)sum[2]));
-        t->skin[i] = sb_v3_add(place, sb_m3_apply(rotation, t->skin[i]));
+        moved[i] = sb_v3_add(arms[i], sb_v3((sb_real)sum[0], (sb_real)sum[1], (sb_real)sum[2]));
+        moved[i] = sb_v3_add(place, sb_m3_apply(rotation, moved[i]));
     }
-    return sb_surface_move(t->tree, t->skin, &t->model->jobs, error);
 }
 
 /* Finds the places of the points that came in, and sorts them by the patch that these are in. */
@@ -15516,9 +15574,14 @@ static sb_result regi_track_look(reg_track *t, sb_error *error)
 {
     sb_vec3 place;
     sb_quat turned;
+    sb_mat3 rotation;
     sb_result result;
     regi_track_pose(t, &place, &turned);
-    result = regi_track_move_skin(t, place, sb_quat_to_mat3(turned), error);
+    rotation = sb_quat_to_mat3(turned);
+    regi_track_move(t, t->mark_arms, t->mark_modes, t->marks.count, place, rotation, t->marks.places);
+    regi_marks_follow(&t->marks);
+    regi_track_move(t, t->skin_arms, t->skin_modes, t->skin_count, place, rotation, t->skin);
+    result = sb_surface_move(t->tree, t->skin, &t->model->jobs, error);
     if (result != SB_OK)
         return result;
     regi_track_sort_points(t);
@@ -15528,23 +15591,34 @@ static sb_result regi_track_look(reg_track *t, sb_error *error)
 
 /* ---- rows ---- */
 
+/* Adds w of what amounts of the shapes do along a line (in the frame of the organ) to a point of these. */
+static void regi_track_add_modes(const reg_track *t, const double *mode, double w, sb_vec3 line, double *row)
+{
+    size_t q = (size_t)t->def.modes;
+    double x = w * (double)line.x, y = w * (double)line.y, z = w * (double)line.z;
+    for (size_t k = 0; k < q; k++)
+        row[k] += x * mode[k] + y * mode[q + k] + z * mode[2 * q + k];
+}
+
+/* And what the pose does to a point with this arm from the middle. */
+static void regi_track_add_pose(const reg_track *t, sb_vec3 arm, sb_vec3 line, double *row)
+{
+    sb_vec3 turn = sb_v3_cross(arm, line);
+    row += t->def.modes;
+    row[0] += (double)line.x, row[1] += (double)line.y, row[2] += (double)line.z;
+    row[3] += (double)turn.x, row[4] += (double)turn.y, row[5] += (double)turn.z;
+}
+
 /* Adds what the state does to a point along its plane's normal. */
 static void regi_track_add_point(const reg_track *t, const regi_look_point *p, sb_vec3 place, sb_mat3 rotation,
                                  double *row)
 {
-    size_t q = (size_t)t->def.modes;
     const int *corners = t->model->skin.elements + 3 * (size_t)p->triangle;
     sb_vec3 line = sb_v3_scale(p->share, sb_m3_tapply(rotation, p->plane));
-    sb_vec3 turn = sb_v3_cross(sb_m3_tapply(rotation, sb_v3_sub(p->place, place)), line);
-    for (int c = 0; c < 3; c++) {
-        const double *mode = t->skin_modes + (size_t)corners[c] * 3 * q;
-        double w = (double)p->corner[c], x = w * (double)line.x, y = w * (double)line.y, z = w * (double)line.z;
-        for (size_t k = 0; k < q; k++)
-            row[k] += x * mode[k] + y * mode[q + k] + z * mode[2 * q + k];
-    }
-    row += q;
-    row[0] += (double)line.x, row[1] += (double)line.y, row[2] += (double)line.z;
-    row[3] += (double)turn.x, row[4] += (double)turn.y, row[5] += (double)turn.z;
+    for (int c = 0; c < 3; c++)
+        regi_track_add_modes(t, t->skin_modes + (size_t)corners[c] * 3 * (size_t)t->def.modes, (double)p->corner[c],
+                             line, row);
+    regi_track_add_pose(t, sb_m3_tapply(rotation, sb_v3_sub(p->place, place)), line, row);
 }
 
 /* The row of a patch and its gap, over its deviation. */
@@ -15793,9 +15867,110 @@ static int regi_track_settle(reg_track *t)
     t->next.turned = turned;
     memcpy(t->next.mean, t->state, (size_t)t->def.modes * sizeof *t->state);
     regi_track_invert(t->precise, t->unknowns, t->column, t->next.covariance);
-    t->next.noise = t->look.noise;
+    if (t->look.point_count > 0)
+        t->next.noise = t->look.noise;
     t->next.blind = 0;
     return 1;
+}
+
+/* ---- landmarks and curves ---- */
+
+/* The row of a line and its gap (m). */
+static void regi_track_fill_line(const reg_track *t, const regi_marks_line *line, sb_vec3 place, sb_mat3 rotation,
+                                 double *row, double *gap)
+{
+    sb_vec3 at = sb_v3(0, 0, 0), axis = sb_m3_tapply(rotation, line->axis);
+    memset(row, 0, (size_t)t->unknowns * sizeof *row);
+    for (int end = 0; end < 2; end++) {
+        sb_real part = end ? line->share : 1 - line->share;
+        size_t mark = (size_t)line->points[end];
+        at = sb_v3_madd(at, part, t->marks.places[mark]);
+        regi_track_add_modes(t, t->mark_modes + mark * 3 * (size_t)t->def.modes, (double)part, axis, row);
+    }
+    regi_track_add_pose(t, sb_m3_tapply(rotation, sb_v3_sub(at, place)), axis, row);
+    *gap = (double)sb_v3_dot(sb_v3_sub(line->seen, at), line->axis);
+}
+
+/* What the target alone says: precision becomes the covariance that it leaves, and column the state. information and
+ * pull are of its patches. 0: not positive. */
+static int regi_track_weigh_target(reg_track *t)
+{
+    size_t n = (size_t)t->unknowns;
+    if (!regi_track_factor(t, t->next.scale))
+        return 0;
+    regi_track_invert(t->precise, t->unknowns, t->column, t->precision);
+    memcpy(t->column, t->pull, n * sizeof *t->column);
+    regi_gauss_substitute(t->precise, t->unknowns, n, t->column);
+    for (size_t k = 0; k < n; k++)
+        t->column[k] += t->forecast[k];
+    return 1;
+}
+
+/* How much `count` lines (2 or 3) of one feature count, whose rows[count][unknowns], gaps (m) and variance (m^2) these
+ * are: less the farther they are off what the target says, for what that leaves open. */
+static double regi_track_trust_lines(const reg_track *t, const double *rows, const double *gaps, double variance,
+                                     int count)
+{
+    const double freedom = 3, open = REGI_TRACK_ALPHA * REGI_TRACK_ALPHA / variance;
+    size_t n = (size_t)t->unknowns;
+    sb_mat3 expected = sb_m3_identity(), inverse;
+    double off[3] = {0, 0, 0}, squares;
+    sb_vec3 along;
+    for (int a = 0; a < count; a++) {
+        const double *row = rows + (size_t)a * n;
+        off[a] = gaps[a];
+        for (size_t k = 0; k < n; k++)
+            off[a] += row[k] * (t->state[k] - t->column[k]);
+        for (int b = 0; b <= a; b++) {
+            const double *other = rows + (size_t)b * n;
+            double sum = 0;
+            for (size_t k = 0; k < n; k++) {
+                double part = 0;
+                for (size_t l = 0; l < n; l++)
+                    part += t->precision[k * n + l] * other[l];
+                sum += row[k] * part;
+            }
+            expected.m[a][b] = expected.m[b][a] = (sb_real)(open * sum + (a == b));
+        }
+    }
+    if (sb_m3_spd_inverse(expected, &inverse) != 0)
+        return 0;
+    along = sb_v3((sb_real)off[0], (sb_real)off[1], (sb_real)off[2]);
+    squares = (double)sb_v3_dot(along, sb_m3_apply(inverse, along)) / variance;
+    return squares > count ? (freedom + count) / (freedom + squares) : 1;
+}
+
+/* Adds rows and gaps of the lines of landmarks and curves behind those of `count` patches; returns how many there are
+ * then. */
+static int regi_track_fill_lines(reg_track *t, int count, sb_real *trusted)
+{
+    size_t n = (size_t)t->unknowns;
+    double least = 1e-4 * (double)t->model->size, misfit = (double)t->def.misfit, sum = 0;
+    int features = 0, width;
+    sb_vec3 place;
+    sb_quat turned;
+    sb_mat3 rotation;
+    regi_track_pose(t, &place, &turned);
+    rotation = sb_quat_to_mat3(turned);
+    for (int first = 0; first < t->marks.line_count; first += width) {
+        double *rows = t->rows + (size_t)count * n, *gaps = t->gaps + count, variance, trust, scale;
+        width = first < t->marks.fixed_count ? 3 : 2;
+        /* three samples of a curve are as far apart as two patches are: what the shapes miss is one for them */
+        variance = t->marks.lines[first].variance + least * least + (width == 2 ? 3 : 1) * misfit * misfit;
+        for (int k = 0; k < width; k++)
+            regi_track_fill_line(t, t->marks.lines + first + k, place, rotation, rows + (size_t)k * n, gaps + k);
+        trust = regi_track_trust_lines(t, rows, gaps, variance, width);
+        scale = sqrt(trust / variance);
+        for (size_t k = 0; k < (size_t)width * n; k++)
+            rows[k] *= scale;
+        for (int k = 0; k < width; k++)
+            gaps[k] *= scale;
+        sum += trust;
+        features++;
+        count += width;
+    }
+    *trusted = (sb_real)(features > 0 ? sum / features : 0);
+    return count;
 }
 
 static sb_result regi_track_take_look(reg_track *t, int look, int *counted, reg_track_info *info)
@@ -15806,9 +15981,15 @@ static sb_result regi_track_take_look(reg_track *t, int look, int *counted, reg_
         return result;
     *counted = regi_track_fill_rows(t, &info->seen);
     regi_look_measure(&t->look, &info->used, &info->residual, &p95);
+    regi_track_gather(t, *counted);
+    if (t->marks.line_count > 0) {
+        if (!regi_track_weigh_target(t))
+            return sbi_fail(&info->error, SB_ERROR_INDEFINITE, "what is known of the organ is not positive any more");
+        *counted = regi_track_fill_lines(t, *counted, &info->trusted);
+        regi_track_gather(t, *counted);
+    }
     if (*counted == 0)
         return SB_OK;
-    regi_track_gather(t, *counted);
     if (look == 0) {
         info->innovation = (sb_real)regi_track_surprise(t, *counted);
         if (info->innovation < 0 || !regi_track_choose(t))
@@ -15828,6 +16009,8 @@ REGI_API sb_result regi_track_take_in(reg_track *t, int *counted, reg_track_info
     t->look.has_camera = t->incoming_has_camera;
     t->look.camera = t->incoming_camera;
     *counted = 0;
+    if (!t->waiting)
+        t->incoming_count = 0;
     if (!regi_track_weigh_pose(t))
         return sbi_fail(&info->error, SB_ERROR_INDEFINITE, "what is known of the pose is not positive any more");
     for (int look = 0; look < REGI_TRACK_LOOKS && (look == 0 || *counted > 0); look++) {
@@ -15837,7 +16020,7 @@ REGI_API sb_result regi_track_take_in(reg_track *t, int *counted, reg_track_info
     }
     if (*counted > 0 && !regi_track_settle(t))
         return sbi_fail(&info->error, SB_ERROR_INDEFINITE, "the target cannot be taken in");
-    info->noise = t->look.noise;
+    info->noise = t->next.noise;
     return result;
 }
 
@@ -15847,7 +16030,7 @@ REGI_API sb_result regi_track_take_in(reg_track *t, int *counted, reg_track_info
 
 
 static const char regi_track_magic[9] = "REGTRACK";
-enum { REGI_TRACK_VERSION = 1 };
+enum { REGI_TRACK_VERSION = 2 };
 
 /* One walk over what is saved: counts it, writes it, looks whether it may be read, or reads it. */
 typedef struct regi_track_image {
@@ -15932,7 +16115,7 @@ static int regi_track_walk_make(const reg_track *t, regi_track_image *image)
 {
     reg_track_def def = t->def;
     sb_real *reals[] = {&def.pose_sd, &def.pose_turn, &def.motion, &def.memory, &def.wander, &def.turn, &def.misfit};
-    uint64_t hash = regi_track_hash_model(t->model);
+    uint64_t hash = sbi_hash_word(regi_track_hash_model(t->model), t->marks_hash);
     int skin = t->skin_count, same = regi_track_word(image, hash, 8) == hash;
     same &= regi_track_int(image, &skin) == t->skin_count;
     same &= regi_track_int(image, &def.modes) == t->def.modes;
@@ -15988,11 +16171,53 @@ static int regi_track_walk_point(regi_track_image *image, regi_look_point *point
     return weight >= 0 && sd >= 0;
 }
 
-/* The target that waits, if one does. `room`: bytes that the image has for it. 0: out of range. */
-static int regi_track_walk_target(reg_track *t, regi_track_image *image, size_t room)
+/* Which features wait: landmarks that are seen, and samples of curves, are counted. 0: out of range. */
+static int regi_track_walk_seen(reg_track *t, regi_track_image *image, int *landmarks, int *samples)
 {
-    const size_t head = 2 * 4 + 3 * sizeof(sb_real), bytes = 8 * sizeof(sb_real);
-    int waiting = regi_track_int(image, &t->waiting), camera, count, good;
+    int good = 1;
+    *landmarks = *samples = 0;
+    for (int i = 0; i < t->marks.landmark_count + t->marks.curve_count; i++) {
+        int found = regi_track_int(image, t->marks.seen + i),
+            most = i < t->marks.landmark_count ? 1 : REGI_MARKS_SAMPLES;
+        good &= found >= 0 && found <= most;
+        *(i < t->marks.landmark_count ? landmarks : samples) += good ? found : 0;
+    }
+    return good;
+}
+
+/* Bytes of where they are seen. */
+static size_t regi_track_feature_bytes(int landmarks, int samples)
+{
+    const size_t place = 3 * sizeof(sb_real);
+    return (size_t)landmarks * (place + 8) + (size_t)samples * (2 * place + 8);
+}
+
+/* Where they are seen. 0: out of range, or not so many bytes. */
+static int regi_track_walk_features(reg_track *t, regi_track_image *image, int landmarks, int samples, size_t room)
+{
+    int good = 1;
+    if (image->in && room - image->used < regi_track_feature_bytes(landmarks, samples))
+        return 0;
+    for (int i = 0; i < landmarks; i++) {
+        regi_track_vectors(image, &t->marks.lines[3 * i].seen, 1);
+        good &= regi_track_double(image, &t->marks.lines[3 * i].variance) >= 0;
+    }
+    for (int i = 0; i < samples; i++) {
+        regi_track_vectors(image, &t->marks.samples[i].seen, 1);
+        regi_track_vectors(image, &t->marks.samples[i].tangent, 1);
+        good &= regi_track_double(image, &t->marks.samples[i].variance) >= 0;
+    }
+    if (good && image->keeps)
+        regi_marks_index(&t->marks);
+    return good;
+}
+
+/* The target that waits, if one does, of which `waiting` is known. `room`: bytes that the image has for it. 0: out of
+ * range. */
+static int regi_track_walk_target(reg_track *t, regi_track_image *image, int waiting, size_t room)
+{
+    const size_t head = 4 + 3 * sizeof(sb_real) + 4, bytes = 8 * sizeof(sb_real);
+    int camera, count, good;
     if (waiting == 0)
         return 1;
     if (image->in && (waiting != 1 || room < image->used + head))
@@ -16011,10 +16236,13 @@ static int regi_track_walk_target(reg_track *t, regi_track_image *image, size_t 
 static int regi_track_walk(reg_track *t, regi_track_image *image, size_t room)
 {
     size_t nodes = (size_t)t->node_count;
-    int good = regi_track_walk_known(t, image);
+    int good = regi_track_walk_known(t, image), landmarks, samples, waiting;
     regi_track_vectors(image, t->arms, nodes);
     regi_track_vectors(image, t->modes, nodes * (size_t)t->def.modes);
-    return regi_track_walk_target(t, image, room) && good;
+    good &= regi_track_walk_seen(t, image, &landmarks, &samples);
+    waiting = regi_track_int(image, &t->waiting);
+    return good && regi_track_walk_features(t, image, landmarks, samples, room) &&
+           regi_track_walk_target(t, image, waiting, room);
 }
 
 /* ---- the calls ---- */
@@ -16046,12 +16274,12 @@ REG_API sb_result reg_track_save(const reg_track *track, void *buffer, size_t si
     return SB_OK;
 }
 
-/* Bytes of a state without a target: all that a walk reads before it can know how many points wait. */
+/* Bytes of a state where nothing waits: all that a walk reads before it can know how much does. */
 static size_t regi_track_least(const reg_track *track)
 {
     reg_track view = *track;
     view.waiting = 0;
-    return regi_track_put(&view, NULL);
+    return regi_track_put(&view, NULL) - regi_track_feature_bytes(view.marks.fixed_count / 3, view.marks.sample_count);
 }
 
 static sb_result regi_track_check_content(const reg_track *track, const unsigned char *in, size_t size, sb_error *error)
@@ -16139,15 +16367,32 @@ static sb_result regi_track_check_numbers(const reg_track_def *def, sb_error *er
     return SB_OK;
 }
 
+/* All that frames may tell of, as they are in these arrays. */
+static regi_marks_def regi_track_marks_of(const reg_track_def *def, const reg_landmark *landmarks,
+                                          const reg_curve *curves)
+{
+    regi_marks_def marks;
+    marks.landmarks = landmarks;
+    marks.landmark_count = def->landmark_count;
+    marks.curves = curves;
+    marks.curve_count = def->curve_count;
+    marks.all = 1;
+    return marks;
+}
+
 static sb_result regi_track_check(const reg_track_def *def, sb_error *error)
 {
+    regi_marks_def marks;
+    sb_result result;
     if (!def || def->cookie != REGI_TRACK_COOKIE || !def->model)
         return sbi_fail(error, SB_ERROR_ARGUMENT, "a tracker needs a def made by reg_default_track_def, and a model");
     if (def->start && def->start->model != def->model)
         return sbi_fail(error, SB_ERROR_ARGUMENT, "the start is of another model");
     if (!regi_infer_is_motion(&def->pose))
         return sbi_fail(error, SB_ERROR_ARGUMENT, "the pose is no rigid motion");
-    return regi_track_check_numbers(def, error);
+    marks = regi_track_marks_of(def, def->landmarks, def->curves);
+    result = regi_marks_check_model(&marks, error);
+    return result == SB_OK ? regi_track_check_numbers(def, error) : result;
 }
 
 /* Fills in what the caller left open. */
@@ -16196,7 +16441,7 @@ static void regi_track_layout(reg_track *t, sbi_arena *arena)
 {
     size_t nodes = (size_t)t->node_count, skin = (size_t)t->skin_count, q = (size_t)t->def.modes;
     size_t n = (size_t)t->unknowns, points = (size_t)t->def.most_points, patches = (size_t)t->def.patches;
-    size_t real = sizeof(double), vec = sizeof(sb_vec3);
+    size_t real = sizeof(double), vec = sizeof(sb_vec3), lines = (size_t)regi_marks_most_lines(&t->marks);
     regi_response_layout(&t->response, t->node_count, arena);
     regi_track_layout_known(t, &t->known, arena);
     regi_track_layout_known(t, &t->next, arena);
@@ -16212,8 +16457,11 @@ static void regi_track_layout(reg_track *t, sbi_arena *arena)
     t->look.patch_start = (int *)sbi_arena_take(arena, patches + 1, sizeof(int));
     t->look.sort = (sb_real *)sbi_arena_take(arena, points + patches, sizeof(sb_real));
     t->skin = (sb_vec3 *)sbi_arena_take(arena, skin, vec);
-    t->rows = (double *)sbi_arena_take(arena, patches + 3, n * real);
-    t->gaps = (double *)sbi_arena_take(arena, patches, real);
+    t->rows = (double *)sbi_arena_take(arena, patches + 3 + lines, n * real);
+    t->gaps = (double *)sbi_arena_take(arena, patches + lines, real);
+    t->mark_arms = (sb_vec3 *)sbi_arena_take(arena, (size_t)t->marks.count, vec);
+    t->mark_modes = (double *)sbi_arena_take(arena, (size_t)t->marks.count, 3 * q * real);
+    regi_marks_layout(&t->marks, arena);
     t->information = (double *)sbi_arena_take(arena, n, n * real);
     t->beyond = (double *)sbi_arena_take(arena, q, real);
     t->whole = (double *)sbi_arena_take(arena, n, real);
@@ -16285,6 +16533,23 @@ static void regi_track_shape_of(reg_track *t, const reg_infer *start, const reg_
         t->shape[i] = start ? start->shape[i] : sb_v3_sub(reg_rigid_apply(pose, rest[i]), rest[i]);
 }
 
+/* Where landmarks and curves are on the model; none is seen yet. */
+static sb_result regi_track_place_marks(reg_track *t, sb_error *error)
+{
+    const regi_marks_def marks = regi_track_marks_of(&t->def, t->def.landmarks, t->def.curves);
+    regi_marks *m = &t->marks;
+    sb_result result = regi_marks_place(m, &marks, &t->model->mesh, &t->allocator, &t->model->jobs, error);
+    t->marks_hash = (uint64_t)m->landmark_count;
+    for (int i = 0; i < m->curve_count; i++)
+        t->marks_hash = sbi_hash_word(t->marks_hash, (uint64_t)(uint32_t)m->starts[i]);
+    for (int i = 0; i < m->count; i++) {
+        t->marks_hash = sbi_hash_word(t->marks_hash, sbi_real_bits(m->places[i].x));
+        t->marks_hash = sbi_hash_word(t->marks_hash, sbi_real_bits(m->places[i].y));
+        t->marks_hash = sbi_hash_word(t->marks_hash, sbi_real_bits(m->places[i].z));
+    }
+    return result;
+}
+
 static void regi_track_pose_sd(const reg_track *t, sb_real sd[2])
 {
     sd[0] = t->def.pose_sd;
@@ -16294,6 +16559,7 @@ static void regi_track_pose_sd(const reg_track *t, sb_real sd[2])
 static sb_result regi_track_make(reg_track *t, sb_error *error)
 {
     sb_real sd[2];
+    regi_marks_def marks;
     sb_result result;
     t->node_count = t->model->mesh.node_count;
     t->skin_count = t->model->skin.node_count;
@@ -16301,7 +16567,11 @@ static sb_result regi_track_make(reg_track *t, sb_error *error)
     t->unknowns = t->def.modes + REGI_TRACK_POSE;
     t->response.model = t->model;
     t->look.size = t->model->size;
+    marks = regi_track_marks_of(&t->def, t->def.landmarks, t->def.curves);
+    regi_marks_count(&t->marks, &marks, t->model->size);
     result = regi_track_allocate(t, error);
+    if (result == SB_OK)
+        result = regi_track_place_marks(t, error);
     if (result == SB_OK)
         result = regi_track_cut_skin(t, error);
     if (result != SB_OK)
@@ -16328,6 +16598,8 @@ REG_API sb_result reg_track_create(const reg_track_def *def, reg_track **track, 
     made->def = *def;
     result = regi_track_make(made, error);
     made->def.start = NULL;
+    made->def.landmarks = NULL;
+    made->def.curves = NULL;
     if (result == SB_OK)
         *track = made;
     else
@@ -16343,6 +16615,7 @@ REG_API void reg_track_destroy(reg_track *track)
     allocator = track->allocator;
     sb_direct_free(track->response.direct);
     sb_surface_destroy(track->tree);
+    sb_embedding_rows_free(&track->marks.rows);
     sbi_free(&allocator, track->memory);
     sbi_free(&allocator, track);
 }
@@ -16383,6 +16656,20 @@ REG_API sb_result reg_track_set_target(reg_track *track, const reg_points *targe
     return SB_OK;
 }
 
+REG_API sb_result reg_track_set_features(reg_track *track, const reg_landmark *landmarks, const reg_curve *curves,
+                                         sb_error *error)
+{
+    regi_marks_def marks;
+    sb_result result;
+    if (!track || (track->def.landmark_count > 0 && !landmarks) || (track->def.curve_count > 0 && !curves))
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "features need a tracker, and the landmarks and curves of its def");
+    marks = regi_track_marks_of(&track->def, landmarks, curves);
+    result = regi_marks_check_seen(&marks, track->known.place, 100 * track->model->size, error);
+    if (result == SB_OK)
+        regi_marks_see(&track->marks, &marks);
+    return result;
+}
+
 /* 1 when a target agrees with nothing that was expected: its gaps are larger than what is usual, or far fewer of its
  * points can be believed. The first target is usual. */
 static int regi_track_is_surprise(regi_track_known *next, const reg_track_info *info)
@@ -16402,8 +16689,9 @@ static void regi_track_judge(reg_track *t, int counted, reg_track_info *info)
     regi_track_known *next = &t->next;
     sb_real sd[2];
     info->state = REG_TRACK_PREDICTS;
-    if (counted > 0) {
+    if (counted > 0)
         info->state = REG_TRACK_FOLLOWS;
+    if (counted > 0 && t->waiting) {
         next->surprises = next->wide == 0 && regi_track_is_surprise(next, info) ? next->surprises + 1 : 0;
         next->wide -= next->wide > 0;
     }
@@ -16436,15 +16724,16 @@ REG_API sb_result reg_track_step(reg_track *track, double dt, reg_track_info *in
     begun = regi_track_now(track);
     track->fresh = 1 - sbi_dense_exp(-dt / REGI_TRACK_FADES);
     regi_track_predict(track, dt);
-    if (track->waiting)
+    if (track->waiting || track->marks.fixed_count > 0 || track->marks.sample_count > 0)
         result = regi_track_take_in(track, &counted, &told);
-    track->waiting = 0;
     if (result == SB_OK) {
         regi_track_judge(track, counted, &told);
         before = track->known;
         track->known = track->next;
         track->next = before;
     }
+    track->waiting = 0;
+    regi_marks_forget(&track->marks);
     told.time = track->known.time;
     told.blind = track->known.blind;
     told.expected = regi_track_expected(track, &track->known);

@@ -147,6 +147,8 @@ typedef struct world {
     reg_track_def track_def;
     reg_track *track;
     reg_points points_seen;
+    reg_landmark landmarks[2];
+    reg_curve curve;
     unsigned char *image;
     size_t image_bytes;
 } world;
@@ -1504,6 +1506,23 @@ static reg_infer *world_infer(world *w)
     return w->infer;
 }
 
+static reg_landmark *world_landmarks(world *w)
+{
+    for (int k = 0; k < 2; k++) {
+        w->landmarks[k].model = w->landmarks[k].seen = world_mesh(w)->nodes[k];
+        w->landmarks[k].sd = REAL(0.01);
+    }
+    return w->landmarks;
+}
+
+static reg_curve *world_curves(world *w)
+{
+    w->curve.model = w->curve.seen = world_mesh(w)->nodes;
+    w->curve.model_count = w->curve.seen_count = 2;
+    w->curve.sd = REAL(0.01);
+    return &w->curve;
+}
+
 static reg_track_def *world_track_def(world *w)
 {
     w->track_def = reg_default_track_def();
@@ -1511,6 +1530,10 @@ static reg_track_def *world_track_def(world *w)
     w->track_def.start = world_infer(w);
     w->track_def.modes = 2;
     w->track_def.patches = 30;
+    w->track_def.landmarks = world_landmarks(w);
+    w->track_def.landmark_count = 2;
+    w->track_def.curves = world_curves(w);
+    w->track_def.curve_count = 1;
     w->track_def.clock = world_clock;
     return &w->track_def;
 }

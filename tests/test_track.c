@@ -1,6 +1,6 @@
 /* Tests of tracking: random organs that breathe and drift, of another mesh and law than the model's, seen in part, with
- * noise and drop-outs, beside the tracker of a rigid organ; the filter's closed forms; jumps, losses, restarts; frames,
- * threads, memory; saved states: the same bits afterwards, and what is refused. */
+ * noise and drop-outs, beside the tracker of a rigid organ; landmarks and curves; the filter's closed forms; jumps,
+ * losses, restarts; frames, threads, memory; saved states: the same bits afterwards, and what is refused. */
 #define SB_SPLIT_BUILD
 #include "../src/register/track_private.h"
 #include "../src/softbody/base/bytes.h"
@@ -106,6 +106,175 @@ static void test_organs(void)
         motion_free(&m);
     }
     CHECK(organs == 1 || sums[0] < sums[1]);
+}
+
+/* ---- landmarks and curves ---- */
+
+enum { RIDGE = 12 };
+
+/* What is known of an organ beside its surface: two vertices of its flanks, and a line of them below it, none of which
+ * a view from above shows. */
+typedef struct features {
+    int marks[2], ridge[RIDGE]; /* vertices of what is seen */
+    reg_landmark landmarks[2];
+    sb_vec3 model[RIDGE], seen[RIDGE];
+    reg_curve curve;
+} features;
+
+/* The vertex at rest that lies nearest to a direction from the middle. */
+static int vertex_towards(const motion *m, sb_vec3 direction)
+{
+    int best = 0;
+    double most = -2;
+    for (int i = 0; i < m->seen.node_count; i++) {
+        sb_vec3 x = m->seen.nodes[i];
+        double along = (double)(sb_v3_dot(x, direction) / (sb_v3_norm(x) * sb_v3_norm(direction)));
+        if (along > most) {
+            most = along;
+            best = i;
+        }
+    }
+    return best;
+}
+
+static features make_features(const motion *m)
+{
+    features f;
+    memset(&f, 0, sizeof f);
+    for (int k = 0; k < 2; k++) {
+        f.marks[k] = vertex_towards(m, sb_v3(k ? REAL(1) : REAL(-1), k ? REAL(0.5) : REAL(-0.3), REAL(-0.2)));
+        f.landmarks[k].model = m->seen.nodes[f.marks[k]];
+    }
+    for (int k = 0; k < RIDGE; k++) {
+        double angle = 3.14159265 * (0.15 + 0.7 * k / (RIDGE - 1));
+        f.ridge[k] = vertex_towards(m, sb_v3(REAL(0.2), REAL(cos(angle)), REAL(-0.3 - sin(angle))));
+        f.model[k] = m->seen.nodes[f.ridge[k]];
+    }
+    f.curve.model_count = RIDGE;
+    return f;
+}
+
+/* Where they are now, to 0.7 mm; the ridge from the other end, and not all of it. which: 1 landmarks, 2 the curve, 3
+ * both; the others count nothing. */
+static void see_features(const motion *m, features *f, int which, unsigned long long *seed)
+{
+    f->curve.model = f->model;
+    f->curve.seen = f->seen;
+    f->curve.seen_count = RIDGE - 3;
+    f->curve.sd = which & 2 ? REAL(0.7e-3) : (sb_real)INFINITY;
+    for (int k = 0; k < 2 + RIDGE - 3; k++) {
+        int vertex = k < 2 ? f->marks[k] : f->ridge[RIDGE - 1 - k];
+        sb_vec3 *to = k < 2 ? &f->landmarks[k].seen : f->seen + k - 2;
+        *to = sb_v3_add(m->seen_now[vertex], sb_v3(REAL(0.7e-3 * organ_gauss(seed)), REAL(0.7e-3 * organ_gauss(seed)),
+                                                   REAL(0.7e-3 * organ_gauss(seed))));
+    }
+    for (int k = 0; k < 2; k++)
+        f->landmarks[k].sd = which & 1 ? REAL(0.7e-3) : (sb_real)INFINITY;
+}
+
+/* How an organ is followed whose upper third is seen. */
+typedef struct course {
+    int which;      /* features seen, see_features */
+    int hidden;     /* 1: the first landmark is not seen in every third frame, and the curve in every fourth */
+    int wrong;      /* 1: the second landmark is seen 30 mm off in frames 10 to 14 */
+    double error;   /* m: mean over frames and nodes */
+    double late;    /* in frames 10 to 14 */
+    double trusted; /* mean of frames 10 to 14 */
+    double expected;
+} course;
+
+static void follow_features(motion *m, const sb_embedding_rows *rows, course *c)
+{
+    reg_track_def def = reg_default_track_def();
+    reg_track *track = NULL;
+    reg_track_info info;
+    features f = make_features(m);
+    sb_vec3 points[SCAN];
+    unsigned long long seed = 5, other = 9;
+    int counted = 0;
+    c->error = c->late = c->trusted = c->expected = 0;
+    def.model = m->model;
+    def.landmarks = f.landmarks;
+    def.landmark_count = 2;
+    f.curve.model = f.model;
+    def.curves = &f.curve;
+    def.curve_count = 1;
+    if (!CHECK_OK(reg_track_create(&def, &track, NULL)))
+        return;
+    for (int frame = 0; frame < 30; frame++) {
+        reg_points target;
+        double error;
+        memset(&target, 0, sizeof target);
+        target.points = points;
+        motion_move(m, 0.5 - 0.5 * cos(6.283 * frame / 30), sin(6.283 * frame / 50));
+        target.count = motion_scan(m, &seed, sb_v3(0, 0, 1), 0.55, 0, 0.7e-3, SCAN, points);
+        CHECK_OK(reg_track_set_target(track, &target, NULL));
+        see_features(m, &f, c->which, &other);
+        if (c->hidden && frame % 3 == 1)
+            f.landmarks[0].sd = (sb_real)INFINITY;
+        if (c->hidden && frame % 4 == 2)
+            f.curve.sd = (sb_real)INFINITY;
+        if (c->wrong && frame >= 10 && frame < 15)
+            f.landmarks[1].seen.y += REAL(0.03);
+        CHECK_OK(reg_track_set_features(track, f.landmarks, &f.curve, NULL));
+        CHECK_OK(reg_track_step(track, 0.1, &info));
+        CHECK(c->which ? info.trusted > 0 && info.trusted <= 1 : info.trusted == 0);
+        error = error_of(m, rows, track);
+        if (frame >= 10 && frame < 15) {
+            c->late += error / 5;
+            c->trusted += (double)info.trusted / 5;
+        }
+        if (frame < 3)
+            continue;
+        c->error += error;
+        c->expected += (double)info.expected;
+        counted++;
+    }
+    reg_track_destroy(track);
+    c->error /= counted;
+    c->expected /= counted;
+}
+
+/* Two points of the flanks and a ridge below take a part of the error that a view of the upper third leaves: over ten
+ * organs (CHECK_SLOW) from 2.30 to 1.77 mm on the mean, and none is worse for it; the landmarks alone to 1.87, the
+ * ridge alone to 2.17. Features that are not seen in every frame do as well (1.82). One landmark of the two that is
+ * taken for another place for half a second (30 mm off: what had drawn the organ along to 9 mm while it was believed)
+ * costs 0.5 mm in these frames, 0.1 over all. Bounds leave a tenth to what the ten took. */
+static void test_features(void)
+{
+    int organs = getenv("CHECK_SLOW") ? 10 : check_quick() ? 1 : 2;
+    double sums[4] = {0, 0, 0, 0}, late[4] = {0, 0, 0, 0}, trusted = 0;
+    for (int k = 0; k < organs; k++) {
+        motion m;
+        if (motion_make(&m, 171 + 7 * (unsigned long long)k, k % 2 ? 0.03 : -0.03, 0.3, 0.08, NULL, NULL)) {
+            sb_embedding_rows rows = rows_of(&m);
+            for (int i = 0; i < 4; i++) {
+                course c;
+                memset(&c, 0, sizeof c);
+                c.which = i > 0 ? 3 : 0;
+                c.hidden = i == 2;
+                c.wrong = i == 3;
+                follow_features(&m, &rows, &c);
+                sums[i] += c.error;
+                late[i] += c.late;
+                CHECK(c.expected > 0.5 * c.error && c.expected < 4 * c.error);
+                CHECK(i != 3 || c.trusted < trusted - 0.03);
+                trusted = i == 1 ? c.trusted : trusted;
+                if (getenv("CHECK_SLOW"))
+                    printf("  organ %d, %s: %.2f mm (%.2f expected), %.2f in frames 10 to 14\n", k,
+                           i == 0   ? "surface alone"
+                           : i == 1 ? "features"
+                           : i == 2 ? "now and then"
+                                    : "a wrong one",
+                           1e3 * c.error, 1e3 * c.expected, 1e3 * c.late);
+            }
+            sb_embedding_rows_free(&rows);
+        }
+        motion_free(&m);
+    }
+    CHECK(sums[1] < 0.85 * sums[0]);
+    CHECK(sums[2] < 0.9 * sums[0] && sums[2] < 1.1 * sums[1]);
+    CHECK(sums[3] < 1.15 * sums[1] && late[3] < 1.4 * late[1]);
 }
 
 /* ---- a box ---- */
@@ -550,10 +719,10 @@ static void forge(const box *b, unsigned char *bytes, size_t size, size_t at, ui
     unsigned char kept[8];
     memcpy(kept, bytes + SBI_IMAGE_HEAD + at, sizeof kept);
     sbi_put_bytes(bytes + SBI_IMAGE_HEAD + at, value, width);
-    sbi_image_seal(bytes, size, "REGTRACK", 1);
+    sbi_image_seal(bytes, size, "REGTRACK", 2);
     refuse(b, bytes, size, wanted);
     memcpy(bytes + SBI_IMAGE_HEAD + at, kept, sizeof kept);
-    sbi_image_seal(bytes, size, "REGTRACK", 1);
+    sbi_image_seal(bytes, size, "REGTRACK", 2);
 }
 
 static void test_forged(void)
@@ -594,6 +763,167 @@ static void test_forged(void)
         free(bytes);
     }
     free_box(&b);
+}
+
+/* ---- landmarks and curves of a box ---- */
+
+/* Features alone, without a target, are followed as well: three landmarks and more hold the pose. What is seen in other
+ * units, or no number, is refused by its index and changes nothing; what is not seen is not looked at. */
+static void test_landmarks(void)
+{
+    box b;
+    if (make_box(&b, NULL, NULL)) {
+        reg_landmark marks[4];
+        reg_curve curve;
+        reg_track_def def = reg_default_track_def();
+        reg_track *track = NULL;
+        reg_track_info info;
+        sb_error error;
+        sb_vec3 way = sb_v3(REAL(0.004), REAL(-0.003), REAL(0.002)), line[2], seen[2];
+        memset(marks, 0, sizeof marks);
+        memset(&curve, 0, sizeof curve);
+        for (int k = 0; k < 4; k++)
+            marks[k].model = sb_v3(k & 1 ? REAL(0.2) : 0, k & 2 ? REAL(0.14) : 0, k == 3 ? REAL(0.08) : REAL(0.01));
+        line[0] = sb_v3(0, REAL(0.07), REAL(0.04));
+        line[1] = sb_v3(REAL(0.2), REAL(0.07), REAL(0.04));
+        curve.model = line;
+        curve.model_count = 2;
+        def.model = b.model;
+        def.modes = 12;
+        def.misfit = REAL(1e-4);
+        def.landmarks = marks;
+        def.landmark_count = 4;
+        def.curves = &curve;
+        def.curve_count = 1;
+        if (CHECK_OK(reg_track_create(&def, &track, &error))) {
+            for (int frame = 0; frame < 6; frame++) {
+                for (int k = 0; k < 4; k++) {
+                    marks[k].seen = sb_v3_add(marks[k].model, way);
+                    marks[k].sd = frame == 3 && k == 2 ? (sb_real)INFINITY : REAL(1e-4);
+                }
+                for (int k = 0; k < 2; k++)
+                    seen[k] = sb_v3_add(line[1 - k], sb_v3_add(way, sb_v3(REAL(0.01), 0, 0)));
+                curve.seen = seen;
+                curve.seen_count = 2;
+                curve.sd = REAL(1e-4);
+                if (frame == 4)
+                    curve.seen = NULL, curve.sd = (sb_real)INFINITY;
+                CHECK_OK(reg_track_set_features(track, marks, &curve, &error));
+                CHECK_OK(reg_track_step(track, 1.0 / 30, &info));
+                CHECK_INT(info.state, REG_TRACK_FOLLOWS);
+                CHECK(info.blind == 0 && info.seen == 0 && info.used == 0);
+            }
+            b.track = (reg_track_destroy(b.track), track);
+            CHECK(box_error(&b, 0, way) < 2e-4);
+            marks[2].seen.y = (sb_real)NAN;
+            CHECK_INT(reg_track_set_features(track, marks, &curve, &error), SB_ERROR_NOT_FINITE);
+            CHECK_INT(error.node, 2);
+            marks[2].sd = (sb_real)INFINITY;
+            CHECK_OK(reg_track_set_features(track, marks, &curve, &error));
+            marks[3].sd = -1;
+            CHECK_INT(reg_track_set_features(track, marks, &curve, &error), SB_ERROR_ARGUMENT);
+            CHECK_INT(error.node, 3);
+            marks[3].sd = REAL(0.1);
+            marks[3].seen = sb_v3(200, 140, 80); /* millimetres */
+            CHECK_INT(reg_track_set_features(track, marks, &curve, &error), SB_ERROR_ARGUMENT);
+            CHECK(error.node == 3 && strstr(error.message, "landmark 3") != NULL);
+            marks[3].seen = marks[3].model;
+            curve.seen = seen;
+            curve.sd = 0;
+            CHECK_INT(reg_track_set_features(track, marks, &curve, &error), SB_ERROR_ARGUMENT);
+            CHECK(strstr(error.message, "curve 0") != NULL);
+            CHECK_INT(reg_track_set_features(track, NULL, &curve, &error), SB_ERROR_ARGUMENT);
+            CHECK_INT(reg_track_set_features(track, marks, NULL, &error), SB_ERROR_ARGUMENT);
+            CHECK_OK(reg_track_step(track, 1.0 / 30, &info)); /* what had been accepted before is still there */
+            CHECK_INT(info.state, REG_TRACK_FOLLOWS);
+            CHECK_OK(reg_track_step(track, 1.0 / 30, &info));
+            CHECK(info.state == REG_TRACK_PREDICTS && info.trusted == 0);
+            track = NULL;
+            marks[1].model = sb_v3(REAL(0.5), 0, 0); /* off the organ */
+            CHECK(reg_track_create(&def, &track, &error) != SB_OK && track == NULL);
+        }
+    }
+    free_box(&b);
+}
+
+/* Where the organ's box is when a tracker with marks has seen a frame with some of them, as bits. */
+static unsigned long long see_and_go(reg_track *track, const box *b)
+{
+    size_t bytes = (size_t)b->mesh.node_count * sizeof(sb_vec3);
+    sb_vec3 *u = (sb_vec3 *)calloc(1, bytes);
+    unsigned long long hash;
+    CHECK_OK(reg_track_step(track, 1.0 / 30, NULL));
+    CHECK_OK(reg_track_step(track, 1.0 / 30, NULL));
+    CHECK_OK(reg_track_displacements(track, u));
+    hash = scene_hash(u, bytes);
+    free(u);
+    return hash;
+}
+
+/* Features that wait are part of a saved tracker, for one that has the same; nothing is allocated. */
+static void test_marked_state(void)
+{
+    scene_memory memory = {0, 0, 0, 0};
+    sb_allocator allocator = scene_allocator(&memory);
+    box b;
+    if (make_box(&b, &allocator, NULL)) {
+        reg_landmark marks[2];
+        sb_vec3 line[3];
+        reg_curve curve = {line, 3, line, 3, REAL(1e-3)};
+        reg_track_def def = reg_default_track_def();
+        reg_track *tracks[3] = {NULL, NULL, NULL};
+        memset(marks, 0, sizeof marks);
+        for (int k = 0; k < 3; k++)
+            line[k] = sb_v3(REAL(0.1 * k), REAL(0.14), REAL(0.08));
+        marks[1].model = sb_v3(REAL(0.2), 0, REAL(0.04));
+        def.model = b.model;
+        def.modes = 12;
+        def.landmarks = marks;
+        def.landmark_count = 2;
+        def.curves = &curve;
+        def.curve_count = 1;
+        for (int k = 0; k < 3; k++) {
+            marks[0].model.x = k == 2 ? REAL(0.05) : 0;
+            CHECK_OK(reg_track_create(&def, tracks + k, NULL));
+        }
+        for (int k = 0; k < 2; k++) {
+            marks[k].seen = sb_v3_add(marks[k].model, sb_v3(REAL(0.003), 0, REAL(0.005)));
+            marks[k].sd = k ? REAL(2e-3) : (sb_real)INFINITY;
+        }
+        if (tracks[0] && tracks[1] && tracks[2]) {
+            size_t size;
+            unsigned char *bytes;
+            unsigned long long hash, plain = see_and_go(tracks[1], &b);
+            memory.calls = 0;
+            CHECK_OK(reg_track_set_features(tracks[0], marks, &curve, NULL));
+            CHECK_OK(reg_track_set_features(tracks[1], marks, &curve, NULL));
+            bytes = save(tracks[0], &size);
+            hash = see_and_go(tracks[0], &b);
+            CHECK(hash != plain);
+            CHECK_OK(reg_track_load(tracks[1], bytes, size, NULL));
+            CHECK(see_and_go(tracks[1], &b) == hash);
+            CHECK_OK(reg_track_load(tracks[0], bytes, size, NULL));
+            CHECK(see_and_go(tracks[0], &b) == hash);
+            CHECK_INT(memory.calls, 0);
+            CHECK_RESULT(reg_track_load(tracks[2], bytes, size, NULL), SB_ERROR_STATE); /* another landmark */
+            CHECK_RESULT(reg_track_load(b.track, bytes, size, NULL), SB_ERROR_STATE);   /* none */
+            for (size_t cut = 1; cut < 300; cut += 7)
+                CHECK_RESULT(reg_track_load(tracks[0], bytes, size - cut, NULL), SB_ERROR_FORMAT);
+            for (size_t at = size - SBI_IMAGE_TAIL - 4 * 200; at < size - SBI_IMAGE_TAIL; at += 4) { /* no crash */
+                unsigned char kept[4];
+                memcpy(kept, bytes + at, 4);
+                sbi_put_bytes(bytes + at, 0x7FFFFFFF, 4);
+                sbi_image_seal(bytes, size, "REGTRACK", 2);
+                (void)reg_track_load(tracks[1], bytes, size, NULL);
+                memcpy(bytes + at, kept, 4);
+            }
+            free(bytes);
+        }
+        for (int k = 0; k < 3; k++)
+            reg_track_destroy(tracks[k]);
+    }
+    free_box(&b);
+    CHECK_INT(memory.live, 0);
 }
 
 /* ---- refusals, memory ---- */
@@ -676,7 +1006,8 @@ static void test_memory(void)
     CHECK_INT(memory.live, 0);
 }
 
-CHECK_SUITE(track, {"organs", test_organs}, {"still", test_still}, {"posterior", test_posterior},
+CHECK_SUITE(track, {"organs", test_organs}, {"features", test_features}, {"landmarks", test_landmarks},
+            {"marked state", test_marked_state}, {"still", test_still}, {"posterior", test_posterior},
             {"forgets", test_forgets}, {"covariances", test_covariances}, {"jump", test_jump}, {"lost", test_lost},
             {"frames", test_frames}, {"bits", test_bits}, {"state", test_state}, {"forged states", test_forged},
             {"refusals", test_refusals}, {"memory", test_memory});

@@ -2743,6 +2743,10 @@ public unsafe struct reg_track_def
     public double turn;
     public double misfit;
     public double lost_after;
+    public reg_landmark* landmarks;
+    public int landmark_count;
+    public reg_curve* curves;
+    public int curve_count;
     public IntPtr clock;
     public uint cookie;
 }
@@ -2756,6 +2760,7 @@ public unsafe struct reg_track_info
     public double seen;
     public double used;
     public double noise;
+    public double trusted;
     public double residual;
     public double innovation;
     public double expected;
@@ -6771,8 +6776,24 @@ public static unsafe class Native
     [DllImport(Library, CallingConvention = CallingConvention.Cdecl)]
     public static extern sb_result reg_track_set_target(reg_track* track, reg_points* target, sb_error* error);
     /// <summary>
-    /// Goes on by dt (s, &gt; 0), and takes in the target that waits, if there is one. Allocates nothing. info may be NULL.
-    /// SB_ERROR_ARGUMENT, SB_ERROR_INDEFINITE, SB_ERROR_NOT_FINITE: nothing has changed but that the target is gone.
+    /// Which of the def's landmarks and curves are seen now, and where, for the next step: landmarks[def.landmark_count] and
+    /// curves[def.curve_count] in the def's order, of which `seen` and `sd` are read and copied. An infinite sd stands for
+    /// what is not seen now: it counts nothing, and its `seen` is not looked at. Replaces features that wait; a step takes
+    /// them in beside a target or without one. They are rows of the state, as patches of the target are, but counted for
+    /// what they are by themselves: the farther one is off what was expected of it, the less it counts (Student's t of three
+    /// degrees of freedom), so that one that is taken for another does little, while all that move alike are followed.
+    /// Deviations below a ten-thousandth of the organ's size count as that.
+    ///
+    /// NULL where the def has none. SB_ERROR_ARGUMENT (NULL, an sd out of its range, a line without length, a place farther
+    /// than 100 of the organ's sizes from where it is: most often one in millimetres) and SB_ERROR_NOT_FINITE name the
+    /// landmark or curve (error-&gt;node): nothing has changed. Allocates nothing.
+    /// </summary>
+    [DllImport(Library, CallingConvention = CallingConvention.Cdecl)]
+    public static extern sb_result reg_track_set_features(reg_track* track, reg_landmark* landmarks, reg_curve* curves, sb_error* error);
+    /// <summary>
+    /// Goes on by dt (s, &gt; 0), and takes in the target and the features that wait, if there are any. Allocates nothing. info
+    /// may be NULL. SB_ERROR_ARGUMENT, SB_ERROR_INDEFINITE, SB_ERROR_NOT_FINITE: nothing has changed but that target and
+    /// features are gone.
     /// </summary>
     [DllImport(Library, CallingConvention = CallingConvention.Cdecl)]
     public static extern sb_result reg_track_step(reg_track* track, double dt, reg_track_info* info);
@@ -6788,7 +6809,7 @@ public static unsafe class Native
     [DllImport(Library, CallingConvention = CallingConvention.Cdecl)]
     public static extern sb_result reg_track_covariances(reg_track* track, sb_mat3* covariances);
     /// <summary>
-    /// A saved tracker holds all that steps, restarts and targets change, a target that waits included: what follows a load
+    /// A saved tracker holds all that steps, restarts and targets change, what waits included: what follows a load
     /// is what followed the save, bit for bit, also in another process or machine. It is loaded into a tracker of the same
     /// model that was made with the same def (most_points may differ), in the same precision. Some
     /// 3 (modes + 1) reals a node. The model and its body are not part of it: steps leave them alone.

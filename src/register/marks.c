@@ -134,6 +134,7 @@ REGI_API void regi_marks_count(regi_marks *m, const regi_marks_def *def, sb_real
 {
     m->size = size;
     m->landmark_count = m->most_samples = 0;
+    m->curve_count = def->curve_count;
     for (int i = 0; i < def->landmark_count; i++)
         m->landmark_count += regi_marks_has_landmark(def, i);
     m->count = m->landmark_count;
@@ -148,6 +149,8 @@ REGI_API int regi_marks_most_lines(const regi_marks *m) { return 3 * m->landmark
 
 REGI_API void regi_marks_layout(regi_marks *m, sbi_arena *arena)
 {
+    m->starts = (int *)sbi_arena_take(arena, (size_t)m->curve_count + 1, sizeof(int));
+    m->seen = (int *)sbi_arena_take(arena, (size_t)m->landmark_count + (size_t)m->curve_count, sizeof(int));
     m->places = (sb_vec3 *)sbi_arena_take(arena, (size_t)m->count, sizeof(sb_vec3));
     m->lines = (regi_marks_line *)sbi_arena_take(arena, (size_t)regi_marks_most_lines(m), sizeof(regi_marks_line));
     m->samples = (regi_marks_sample *)sbi_arena_take(arena, (size_t)m->most_samples, sizeof(regi_marks_sample));
@@ -165,12 +168,14 @@ REGI_API sb_result regi_marks_place(regi_marks *m, const regi_marks_def *def, co
     for (int i = 0; i < def->landmark_count; i++)
         if (regi_marks_has_landmark(def, i))
             m->places[mark++] = def->landmarks[i].model;
+    m->starts[0] = mark;
     for (int i = 0; i < def->curve_count; i++) {
         const reg_curve *curve = def->curves + i;
-        if (!regi_marks_has_curve(def, i))
-            continue;
-        memcpy(m->places + mark, curve->model, (size_t)curve->model_count * sizeof *curve->model);
-        mark += curve->model_count;
+        if (regi_marks_has_curve(def, i)) {
+            memcpy(m->places + mark, curve->model, (size_t)curve->model_count * sizeof *curve->model);
+            mark += curve->model_count;
+        }
+        m->starts[i + 1] = mark;
     }
     embed.mesh = mesh;
     embed.points = m->places;
@@ -188,20 +193,35 @@ REGI_API sb_result regi_marks_place(regi_marks *m, const regi_marks_def *def, co
 
 /* ---- what is seen ---- */
 
-static void regi_marks_see_landmark(regi_marks *m, const reg_landmark *landmark, int mark)
+REGI_API void regi_marks_index(regi_marks *m)
 {
-    for (int k = 0; k < 3; k++) {
-        regi_marks_line *line = m->lines + m->fixed_count++;
-        line->points[0] = line->points[1] = mark;
-        line->share = 0;
-        line->axis = sb_v3(k == 0, k == 1, k == 2);
-        line->seen = landmark->seen;
-        line->variance = (double)landmark->sd * (double)landmark->sd;
-    }
+    m->fixed_count = m->sample_count = 0;
+    for (int mark = 0; mark < m->landmark_count; mark++)
+        for (int k = 0; k < 3 && m->seen[mark]; k++) {
+            regi_marks_line *line = m->lines + m->fixed_count++;
+            *line = line[-k];
+            line->points[0] = line->points[1] = mark;
+            line->share = 0;
+            line->axis = sb_v3(k == 0, k == 1, k == 2);
+        }
+    for (int i = 0; i < m->curve_count; i++)
+        for (int k = 0; k < m->seen[m->landmark_count + i]; k++) {
+            regi_marks_sample *sample = m->samples + m->sample_count++;
+            sample->first = m->starts[i];
+            sample->count = m->starts[i + 1] - m->starts[i];
+        }
+    m->line_count = m->fixed_count;
+}
+
+REGI_API void regi_marks_forget(regi_marks *m)
+{
+    for (int i = 0; i < m->landmark_count + m->curve_count; i++)
+        m->seen[i] = 0;
+    regi_marks_index(m);
 }
 
 /* The middles of `count` pieces of one length that what is seen of a curve is cut into. */
-static void regi_marks_sample_curve(const reg_curve *curve, int first, int count, regi_marks_sample *samples)
+static void regi_marks_sample_curve(const reg_curve *curve, int count, regi_marks_sample *samples)
 {
     sb_real length = regi_marks_length(curve->seen, curve->seen_count), behind = 0;
     int corner = 0;
@@ -218,29 +238,30 @@ static void regi_marks_sample_curve(const reg_curve *curve, int first, int count
         samples[k].tangent = sb_v3_scale(way > 0 ? 1 / way : 0, along);
         samples[k].seen = sb_v3_madd(curve->seen[corner], sb_min(at - behind, way), samples[k].tangent);
         samples[k].variance = (double)curve->sd * (double)curve->sd;
-        samples[k].first = first;
-        samples[k].count = curve->model_count;
     }
 }
 
 REGI_API void regi_marks_see(regi_marks *m, const regi_marks_def *def)
 {
-    int mark = 0;
-    m->fixed_count = m->sample_count = 0;
+    int mark = 0, seen = 0, samples = 0;
     for (int i = 0; i < def->landmark_count; i++) {
-        if (sb_is_finite(def->landmarks[i].sd))
-            regi_marks_see_landmark(m, def->landmarks + i, mark);
-        mark += regi_marks_has_landmark(def, i);
+        const reg_landmark *landmark = def->landmarks + i;
+        int counts = sb_is_finite(landmark->sd);
+        if (counts) {
+            m->lines[3 * seen].seen = landmark->seen;
+            m->lines[3 * seen++].variance = (double)landmark->sd * (double)landmark->sd;
+        }
+        if (regi_marks_has_landmark(def, i))
+            m->seen[mark++] = counts;
     }
     for (int i = 0; i < def->curve_count; i++) {
-        const reg_curve *curve = def->curves + i;
-        int count = regi_marks_samples_of(m, curve);
+        int count = regi_marks_samples_of(m, def->curves + i);
         if (count > 0)
-            regi_marks_sample_curve(curve, mark, count, m->samples + m->sample_count);
-        m->sample_count += count;
-        mark += regi_marks_has_curve(def, i) ? curve->model_count : 0;
+            regi_marks_sample_curve(def->curves + i, count, m->samples + samples);
+        m->seen[m->landmark_count + i] = count;
+        samples += count;
     }
-    m->line_count = m->fixed_count;
+    regi_marks_index(m);
 }
 
 /* The nearest place on the model's line where that goes the way that is seen: by a share of the way from the mark that

@@ -29,7 +29,10 @@ typedef struct regi_marks {
     sb_real size;           /* m, of the organ */
     int count;              /* marks: landmarks, then corners of the model's lines */
     int landmark_count;     /* of them */
+    int curve_count;        /* of the def, also those that are left out */
     int most_samples;       /* that there is room for */
+    int *starts;            /* [curve_count + 1] first mark of each curve */
+    int *seen;              /* [landmark_count] 1: it is seen; [curve_count] at how many places a curve is */
     sb_embedding_rows rows; /* of the marks in the mesh */
     sb_vec3 *places;        /* [count] m: at rest, then where they are now */
     regi_marks_line *lines; /* [line_count]: three of each landmark seen, then two of each sample that has a place */
@@ -64,6 +67,10 @@ REGI_API sb_result regi_marks_place(regi_marks *marks, const regi_marks_def *def
                                     const sb_allocator *allocator, const sb_jobs *jobs, sb_error *error);
 /* Takes what is seen: the lines of landmarks, and samples of curves. */
 REGI_API void regi_marks_see(regi_marks *marks, const regi_marks_def *def);
+/* Nothing is. */
+REGI_API void regi_marks_forget(regi_marks *marks);
+/* What follows from `seen`, the first of each landmark's lines, and the samples' places. */
+REGI_API void regi_marks_index(regi_marks *marks);
 /* Looks for the samples' places on the model's lines where the marks are now (places): the lines of curves. */
 REGI_API void regi_marks_follow(regi_marks *marks);
 

@@ -103,6 +103,7 @@
 #define reg_track_destroy reg_track_destroy_f32
 #define reg_track_restart reg_track_restart_f32
 #define reg_track_set_target reg_track_set_target_f32
+#define reg_track_set_features reg_track_set_features_f32
 #define reg_track_step reg_track_step_f32
 #define reg_track_displacements reg_track_displacements_f32
 #define reg_track_covariances reg_track_covariances_f32

@@ -3,6 +3,7 @@
 
 #include <string.h>
 
+#include "../softbody/base/bytes.h"
 #include "cloud.h"
 #include "track_private.h"
 
@@ -47,15 +48,32 @@ static sb_result regi_track_check_numbers(const reg_track_def *def, sb_error *er
     return SB_OK;
 }
 
+/* All that frames may tell of, as they are in these arrays. */
+static regi_marks_def regi_track_marks_of(const reg_track_def *def, const reg_landmark *landmarks,
+                                          const reg_curve *curves)
+{
+    regi_marks_def marks;
+    marks.landmarks = landmarks;
+    marks.landmark_count = def->landmark_count;
+    marks.curves = curves;
+    marks.curve_count = def->curve_count;
+    marks.all = 1;
+    return marks;
+}
+
 static sb_result regi_track_check(const reg_track_def *def, sb_error *error)
 {
+    regi_marks_def marks;
+    sb_result result;
     if (!def || def->cookie != REGI_TRACK_COOKIE || !def->model)
         return sbi_fail(error, SB_ERROR_ARGUMENT, "a tracker needs a def made by reg_default_track_def, and a model");
     if (def->start && def->start->model != def->model)
         return sbi_fail(error, SB_ERROR_ARGUMENT, "the start is of another model");
     if (!regi_infer_is_motion(&def->pose))
         return sbi_fail(error, SB_ERROR_ARGUMENT, "the pose is no rigid motion");
-    return regi_track_check_numbers(def, error);
+    marks = regi_track_marks_of(def, def->landmarks, def->curves);
+    result = regi_marks_check_model(&marks, error);
+    return result == SB_OK ? regi_track_check_numbers(def, error) : result;
 }
 
 /* Fills in what the caller left open. */
@@ -104,7 +122,7 @@ static void regi_track_layout(reg_track *t, sbi_arena *arena)
 {
     size_t nodes = (size_t)t->node_count, skin = (size_t)t->skin_count, q = (size_t)t->def.modes;
     size_t n = (size_t)t->unknowns, points = (size_t)t->def.most_points, patches = (size_t)t->def.patches;
-    size_t real = sizeof(double), vec = sizeof(sb_vec3);
+    size_t real = sizeof(double), vec = sizeof(sb_vec3), lines = (size_t)regi_marks_most_lines(&t->marks);
     regi_response_layout(&t->response, t->node_count, arena);
     regi_track_layout_known(t, &t->known, arena);
     regi_track_layout_known(t, &t->next, arena);
@@ -120,8 +138,11 @@ static void regi_track_layout(reg_track *t, sbi_arena *arena)
     t->look.patch_start = (int *)sbi_arena_take(arena, patches + 1, sizeof(int));
     t->look.sort = (sb_real *)sbi_arena_take(arena, points + patches, sizeof(sb_real));
     t->skin = (sb_vec3 *)sbi_arena_take(arena, skin, vec);
-    t->rows = (double *)sbi_arena_take(arena, patches + 3, n * real);
-    t->gaps = (double *)sbi_arena_take(arena, patches, real);
+    t->rows = (double *)sbi_arena_take(arena, patches + 3 + lines, n * real);
+    t->gaps = (double *)sbi_arena_take(arena, patches + lines, real);
+    t->mark_arms = (sb_vec3 *)sbi_arena_take(arena, (size_t)t->marks.count, vec);
+    t->mark_modes = (double *)sbi_arena_take(arena, (size_t)t->marks.count, 3 * q * real);
+    regi_marks_layout(&t->marks, arena);
     t->information = (double *)sbi_arena_take(arena, n, n * real);
     t->beyond = (double *)sbi_arena_take(arena, q, real);
     t->whole = (double *)sbi_arena_take(arena, n, real);
@@ -193,6 +214,23 @@ static void regi_track_shape_of(reg_track *t, const reg_infer *start, const reg_
         t->shape[i] = start ? start->shape[i] : sb_v3_sub(reg_rigid_apply(pose, rest[i]), rest[i]);
 }
 
+/* Where landmarks and curves are on the model; none is seen yet. */
+static sb_result regi_track_place_marks(reg_track *t, sb_error *error)
+{
+    const regi_marks_def marks = regi_track_marks_of(&t->def, t->def.landmarks, t->def.curves);
+    regi_marks *m = &t->marks;
+    sb_result result = regi_marks_place(m, &marks, &t->model->mesh, &t->allocator, &t->model->jobs, error);
+    t->marks_hash = (uint64_t)m->landmark_count;
+    for (int i = 0; i < m->curve_count; i++)
+        t->marks_hash = sbi_hash_word(t->marks_hash, (uint64_t)(uint32_t)m->starts[i]);
+    for (int i = 0; i < m->count; i++) {
+        t->marks_hash = sbi_hash_word(t->marks_hash, sbi_real_bits(m->places[i].x));
+        t->marks_hash = sbi_hash_word(t->marks_hash, sbi_real_bits(m->places[i].y));
+        t->marks_hash = sbi_hash_word(t->marks_hash, sbi_real_bits(m->places[i].z));
+    }
+    return result;
+}
+
 static void regi_track_pose_sd(const reg_track *t, sb_real sd[2])
 {
     sd[0] = t->def.pose_sd;
@@ -202,6 +240,7 @@ static void regi_track_pose_sd(const reg_track *t, sb_real sd[2])
 static sb_result regi_track_make(reg_track *t, sb_error *error)
 {
     sb_real sd[2];
+    regi_marks_def marks;
     sb_result result;
     t->node_count = t->model->mesh.node_count;
     t->skin_count = t->model->skin.node_count;
@@ -209,7 +248,11 @@ static sb_result regi_track_make(reg_track *t, sb_error *error)
     t->unknowns = t->def.modes + REGI_TRACK_POSE;
     t->response.model = t->model;
     t->look.size = t->model->size;
+    marks = regi_track_marks_of(&t->def, t->def.landmarks, t->def.curves);
+    regi_marks_count(&t->marks, &marks, t->model->size);
     result = regi_track_allocate(t, error);
+    if (result == SB_OK)
+        result = regi_track_place_marks(t, error);
     if (result == SB_OK)
         result = regi_track_cut_skin(t, error);
     if (result != SB_OK)
@@ -236,6 +279,8 @@ REG_API sb_result reg_track_create(const reg_track_def *def, reg_track **track, 
     made->def = *def;
     result = regi_track_make(made, error);
     made->def.start = NULL;
+    made->def.landmarks = NULL;
+    made->def.curves = NULL;
     if (result == SB_OK)
         *track = made;
     else
@@ -251,6 +296,7 @@ REG_API void reg_track_destroy(reg_track *track)
     allocator = track->allocator;
     sb_direct_free(track->response.direct);
     sb_surface_destroy(track->tree);
+    sb_embedding_rows_free(&track->marks.rows);
     sbi_free(&allocator, track->memory);
     sbi_free(&allocator, track);
 }
@@ -291,6 +337,20 @@ REG_API sb_result reg_track_set_target(reg_track *track, const reg_points *targe
     return SB_OK;
 }
 
+REG_API sb_result reg_track_set_features(reg_track *track, const reg_landmark *landmarks, const reg_curve *curves,
+                                         sb_error *error)
+{
+    regi_marks_def marks;
+    sb_result result;
+    if (!track || (track->def.landmark_count > 0 && !landmarks) || (track->def.curve_count > 0 && !curves))
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "features need a tracker, and the landmarks and curves of its def");
+    marks = regi_track_marks_of(&track->def, landmarks, curves);
+    result = regi_marks_check_seen(&marks, track->known.place, 100 * track->model->size, error);
+    if (result == SB_OK)
+        regi_marks_see(&track->marks, &marks);
+    return result;
+}
+
 /* 1 when a target agrees with nothing that was expected: its gaps are larger than what is usual, or far fewer of its
  * points can be believed. The first target is usual. */
 static int regi_track_is_surprise(regi_track_known *next, const reg_track_info *info)
@@ -310,8 +370,9 @@ static void regi_track_judge(reg_track *t, int counted, reg_track_info *info)
     regi_track_known *next = &t->next;
     sb_real sd[2];
     info->state = REG_TRACK_PREDICTS;
-    if (counted > 0) {
+    if (counted > 0)
         info->state = REG_TRACK_FOLLOWS;
+    if (counted > 0 && t->waiting) {
         next->surprises = next->wide == 0 && regi_track_is_surprise(next, info) ? next->surprises + 1 : 0;
         next->wide -= next->wide > 0;
     }
@@ -344,15 +405,16 @@ REG_API sb_result reg_track_step(reg_track *track, double dt, reg_track_info *in
     begun = regi_track_now(track);
     track->fresh = 1 - sbi_dense_exp(-dt / REGI_TRACK_FADES);
     regi_track_predict(track, dt);
-    if (track->waiting)
+    if (track->waiting || track->marks.fixed_count > 0 || track->marks.sample_count > 0)
         result = regi_track_take_in(track, &counted, &told);
-    track->waiting = 0;
     if (result == SB_OK) {
         regi_track_judge(track, counted, &told);
         before = track->known;
         track->known = track->next;
         track->next = before;
     }
+    track->waiting = 0;
+    regi_marks_forget(&track->marks);
     told.time = track->known.time;
     told.blind = track->known.blind;
     told.expected = regi_track_expected(track, &track->known);

@@ -6,6 +6,7 @@
  *     reg_track_create(&def, &track, &error);
  *     every frame:
  *         reg_track_set_target(track, &points, &error);   (the scan of now; none where it dropped out)
+ *         reg_track_set_features(track, marks, NULL, &error); (landmarks and curves of now, if def names some)
  *         reg_track_step(track, dt, &info);
  *         reg_track_displacements(track, displacements);
  *     reg_track_destroy(track);
@@ -57,9 +58,14 @@ typedef struct reg_track_def {
     sb_real turn;           /* rad, in [0, 10]: and of the turn; default 0: 0.15 */
     sb_real misfit;         /* m: of what does not average out, as facets; default 0: what `start` found, or what the
                              * model's nodes let expect */
-    double lost_after;      /* s, > 0: without a target for longer the organ is lost; default 0.5 */
-    sb_clock clock;         /* default NULL: times read 0 */
-    unsigned cookie;        /* set by reg_default_track_def */
+    double lost_after;      /* s, > 0: without a target or features for longer the organ is lost; default 0.5 */
+    const reg_landmark *landmarks; /* [landmark_count] or NULL: points of the organ that frames may tell of. Their
+                                    * `model` is copied; where they are seen, and how sure, comes with each frame */
+    int landmark_count;            /* [0, 1000] */
+    const reg_curve *curves;       /* [curve_count] or NULL: lines of the organ likewise: ridges, vessels */
+    int curve_count;               /* [0, 1000] */
+    sb_clock clock;                /* default NULL: times read 0 */
+    unsigned cookie;               /* set by reg_default_track_def */
 } reg_track_def;
 REG_API reg_track_def reg_default_track_def(void);
 
@@ -81,30 +87,46 @@ REG_API sb_result reg_track_restart(reg_track *track, const reg_infer *start, sb
  * also for more than def.most_points, and SB_ERROR_NOT_FINITE (error->node: the point): nothing has changed. */
 REG_API sb_result reg_track_set_target(reg_track *track, const reg_points *target, sb_error *error);
 
+/* Which of the def's landmarks and curves are seen now, and where, for the next step: landmarks[def.landmark_count] and
+ * curves[def.curve_count] in the def's order, of which `seen` and `sd` are read and copied. An infinite sd stands for
+ * what is not seen now: it counts nothing, and its `seen` is not looked at. Replaces features that wait; a step takes
+ * them in beside a target or without one. They are rows of the state, as patches of the target are, but counted for
+ * what they are by themselves: the farther one is off what was expected of it, the less it counts (Student's t of three
+ * degrees of freedom), so that one that is taken for another does little, while all that move alike are followed.
+ * Deviations below a ten-thousandth of the organ's size count as that.
+ *
+ * NULL where the def has none. SB_ERROR_ARGUMENT (NULL, an sd out of its range, a line without length, a place farther
+ * than 100 of the organ's sizes from where it is: most often one in millimetres) and SB_ERROR_NOT_FINITE name the
+ * landmark or curve (error->node): nothing has changed. Allocates nothing. */
+REG_API sb_result reg_track_set_features(reg_track *track, const reg_landmark *landmarks, const reg_curve *curves,
+                                         sb_error *error);
+
 typedef enum reg_track_state {
     REG_TRACK_FOLLOWS = 0,  /* the target was taken in */
-    REG_TRACK_PREDICTS = 1, /* there was none, no point of it had an allowed place, or the step failed: the organ is
-                             * where it was */
+    REG_TRACK_PREDICTS = 1, /* there was none, nor a feature, nothing of it had an allowed place, or the step failed:
+                             * the organ is where it was */
     REG_TRACK_JUMPED = 2,   /* three targets in a row agreed with nothing that was expected: all is open again */
     REG_TRACK_LOST = 3      /* no target for longer than def.lost_after: restart, from reg_icp's or another pose */
 } reg_track_state;
 
 typedef struct reg_track_info {
     reg_track_state state;
-    double time;        /* s: sum of all steps */
-    double blind;       /* s since the last target that was taken in */
-    sb_real seen;       /* share of the surface with points that are believed, this frame */
-    sb_real used;       /* share of the target's weight that was believed */
-    sb_real noise;      /* m: standard deviation of the points across the surface, estimated */
-    sb_real residual;   /* m: mean distance of the points believed from the surface, before the last correction */
+    double time;      /* s: sum of all steps */
+    double blind;     /* s since the last target that was taken in */
+    sb_real seen;     /* share of the surface with points that are believed, this frame */
+    sb_real used;     /* share of the target's weight that was believed */
+    sb_real noise;    /* m: standard deviation of the points across the surface, estimated */
+    sb_real trusted;  /* of landmarks and places of curves seen: how much they count, [0, 1], mean; 0: none was seen */
+    sb_real residual; /* m: mean distance of the points believed from the surface, before the last correction */
     sb_real innovation; /* squared gaps over what was expected of them, mean: about 1 or less */
     sb_real expected;   /* m: root mean square error to expect, over the nodes */
     double seconds;     /* with a clock */
     sb_error error;     /* of a step that failed */
 } reg_track_info;
 
-/* Goes on by dt (s, > 0), and takes in the target that waits, if there is one. Allocates nothing. info may be NULL.
- * SB_ERROR_ARGUMENT, SB_ERROR_INDEFINITE, SB_ERROR_NOT_FINITE: nothing has changed but that the target is gone. */
+/* Goes on by dt (s, > 0), and takes in the target and the features that wait, if there are any. Allocates nothing. info
+ * may be NULL. SB_ERROR_ARGUMENT, SB_ERROR_INDEFINITE, SB_ERROR_NOT_FINITE: nothing has changed but that target and
+ * features are gone. */
 REG_API sb_result reg_track_step(reg_track *track, double dt, reg_track_info *info);
 
 /* ---- where it is: SB_ERROR_ARGUMENT for NULL -------------------------------------------------------------------- */
@@ -117,7 +139,7 @@ REG_API sb_result reg_track_covariances(const reg_track *track, sb_mat3 *covaria
 
 /* ---- undo, replays, a start where another run ended -------------------------------------------------------------- */
 
-/* A saved tracker holds all that steps, restarts and targets change, a target that waits included: what follows a load
+/* A saved tracker holds all that steps, restarts and targets change, what waits included: what follows a load
  * is what followed the save, bit for bit, also in another process or machine. It is loaded into a tracker of the same
  * model that was made with the same def (most_points may differ), in the same precision. Some
  * 3 (modes + 1) reals a node. The model and its body are not part of it: steps leave them alone.

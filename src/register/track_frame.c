@@ -1,6 +1,7 @@
 /* track_frame: what is known of an organ's pose and shape, from one frame to the next. */
 #include "track_private.h"
 
+#include <math.h>
 #include <string.h>
 
 #include "../softbody/base/eigen.h"
@@ -72,20 +73,20 @@ static void regi_track_pose(const reg_track *t, sb_vec3 *place, sb_quat *turned)
     *turned = sb_quat_normalise(sb_quat_mul(t->next.turned, sb_quat_from_rotation_vector(turn)));
 }
 
-/* Moves the skin to the state at hand. */
-static sb_result regi_track_move_skin(reg_track *t, sb_vec3 place, sb_mat3 rotation, sb_error *error)
+/* Where points of these arms and shapes are in the state at hand: moved[count]. */
+static void regi_track_move(const reg_track *t, const sb_vec3 *arms, const double *modes, int count, sb_vec3 place,
+                            sb_mat3 rotation, sb_vec3 *moved)
 {
     size_t q = (size_t)t->def.modes;
-    for (int i = 0; i < t->skin_count; i++) {
-        const double *mode = t->skin_modes + (size_t)i * 3 * q;
+    for (int i = 0; i < count; i++) {
+        const double *mode = modes + (size_t)i * 3 * q;
         double sum[3] = {0, 0, 0};
         for (int axis = 0; axis < 3; axis++)
             for (size_t k = 0; k < q; k++)
                 sum[axis] += mode[(size_t)axis * q + k] * t->state[k];
-        t->skin[i] = sb_v3_add(t->skin_arms[i], sb_v3((sb_real)sum[0], (sb_real)sum[1], (sb_real)sum[2]));
-        t->skin[i] = sb_v3_add(place, sb_m3_apply(rotation, t->skin[i]));
+        moved[i] = sb_v3_add(arms[i], sb_v3((sb_real)sum[0], (sb_real)sum[1], (sb_real)sum[2]));
+        moved[i] = sb_v3_add(place, sb_m3_apply(rotation, moved[i]));
     }
-    return sb_surface_move(t->tree, t->skin, &t->model->jobs, error);
 }
 
 /* Finds the places of the points that came in, and sorts them by the patch that these are in. */
@@ -123,9 +124,14 @@ static sb_result regi_track_look(reg_track *t, sb_error *error)
 {
     sb_vec3 place;
     sb_quat turned;
+    sb_mat3 rotation;
     sb_result result;
     regi_track_pose(t, &place, &turned);
-    result = regi_track_move_skin(t, place, sb_quat_to_mat3(turned), error);
+    rotation = sb_quat_to_mat3(turned);
+    regi_track_move(t, t->mark_arms, t->mark_modes, t->marks.count, place, rotation, t->marks.places);
+    regi_marks_follow(&t->marks);
+    regi_track_move(t, t->skin_arms, t->skin_modes, t->skin_count, place, rotation, t->skin);
+    result = sb_surface_move(t->tree, t->skin, &t->model->jobs, error);
     if (result != SB_OK)
         return result;
     regi_track_sort_points(t);
@@ -135,23 +141,34 @@ static sb_result regi_track_look(reg_track *t, sb_error *error)
 
 /* ---- rows ---- */
 
+/* Adds w of what amounts of the shapes do along a line (in the frame of the organ) to a point of these. */
+static void regi_track_add_modes(const reg_track *t, const double *mode, double w, sb_vec3 line, double *row)
+{
+    size_t q = (size_t)t->def.modes;
+    double x = w * (double)line.x, y = w * (double)line.y, z = w * (double)line.z;
+    for (size_t k = 0; k < q; k++)
+        row[k] += x * mode[k] + y * mode[q + k] + z * mode[2 * q + k];
+}
+
+/* And what the pose does to a point with this arm from the middle. */
+static void regi_track_add_pose(const reg_track *t, sb_vec3 arm, sb_vec3 line, double *row)
+{
+    sb_vec3 turn = sb_v3_cross(arm, line);
+    row += t->def.modes;
+    row[0] += (double)line.x, row[1] += (double)line.y, row[2] += (double)line.z;
+    row[3] += (double)turn.x, row[4] += (double)turn.y, row[5] += (double)turn.z;
+}
+
 /* Adds what the state does to a point along its plane's normal. */
 static void regi_track_add_point(const reg_track *t, const regi_look_point *p, sb_vec3 place, sb_mat3 rotation,
                                  double *row)
 {
-    size_t q = (size_t)t->def.modes;
     const int *corners = t->model->skin.elements + 3 * (size_t)p->triangle;
     sb_vec3 line = sb_v3_scale(p->share, sb_m3_tapply(rotation, p->plane));
-    sb_vec3 turn = sb_v3_cross(sb_m3_tapply(rotation, sb_v3_sub(p->place, place)), line);
-    for (int c = 0; c < 3; c++) {
-        const double *mode = t->skin_modes + (size_t)corners[c] * 3 * q;
-        double w = (double)p->corner[c], x = w * (double)line.x, y = w * (double)line.y, z = w * (double)line.z;
-        for (size_t k = 0; k < q; k++)
-            row[k] += x * mode[k] + y * mode[q + k] + z * mode[2 * q + k];
-    }
-    row += q;
-    row[0] += (double)line.x, row[1] += (double)line.y, row[2] += (double)line.z;
-    row[3] += (double)turn.x, row[4] += (double)turn.y, row[5] += (double)turn.z;
+    for (int c = 0; c < 3; c++)
+        regi_track_add_modes(t, t->skin_modes + (size_t)corners[c] * 3 * (size_t)t->def.modes, (double)p->corner[c],
+                             line, row);
+    regi_track_add_pose(t, sb_m3_tapply(rotation, sb_v3_sub(p->place, place)), line, row);
 }
 
 /* The row of a patch and its gap, over its deviation. */
@@ -400,9 +417,110 @@ static int regi_track_settle(reg_track *t)
     t->next.turned = turned;
     memcpy(t->next.mean, t->state, (size_t)t->def.modes * sizeof *t->state);
     regi_track_invert(t->precise, t->unknowns, t->column, t->next.covariance);
-    t->next.noise = t->look.noise;
+    if (t->look.point_count > 0)
+        t->next.noise = t->look.noise;
     t->next.blind = 0;
     return 1;
+}
+
+/* ---- landmarks and curves ---- */
+
+/* The row of a line and its gap (m). */
+static void regi_track_fill_line(const reg_track *t, const regi_marks_line *line, sb_vec3 place, sb_mat3 rotation,
+                                 double *row, double *gap)
+{
+    sb_vec3 at = sb_v3(0, 0, 0), axis = sb_m3_tapply(rotation, line->axis);
+    memset(row, 0, (size_t)t->unknowns * sizeof *row);
+    for (int end = 0; end < 2; end++) {
+        sb_real part = end ? line->share : 1 - line->share;
+        size_t mark = (size_t)line->points[end];
+        at = sb_v3_madd(at, part, t->marks.places[mark]);
+        regi_track_add_modes(t, t->mark_modes + mark * 3 * (size_t)t->def.modes, (double)part, axis, row);
+    }
+    regi_track_add_pose(t, sb_m3_tapply(rotation, sb_v3_sub(at, place)), axis, row);
+    *gap = (double)sb_v3_dot(sb_v3_sub(line->seen, at), line->axis);
+}
+
+/* What the target alone says: precision becomes the covariance that it leaves, and column the state. information and
+ * pull are of its patches. 0: not positive. */
+static int regi_track_weigh_target(reg_track *t)
+{
+    size_t n = (size_t)t->unknowns;
+    if (!regi_track_factor(t, t->next.scale))
+        return 0;
+    regi_track_invert(t->precise, t->unknowns, t->column, t->precision);
+    memcpy(t->column, t->pull, n * sizeof *t->column);
+    regi_gauss_substitute(t->precise, t->unknowns, n, t->column);
+    for (size_t k = 0; k < n; k++)
+        t->column[k] += t->forecast[k];
+    return 1;
+}
+
+/* How much `count` lines (2 or 3) of one feature count, whose rows[count][unknowns], gaps (m) and variance (m^2) these
+ * are: less the farther they are off what the target says, for what that leaves open. */
+static double regi_track_trust_lines(const reg_track *t, const double *rows, const double *gaps, double variance,
+                                     int count)
+{
+    const double freedom = 3, open = REGI_TRACK_ALPHA * REGI_TRACK_ALPHA / variance;
+    size_t n = (size_t)t->unknowns;
+    sb_mat3 expected = sb_m3_identity(), inverse;
+    double off[3] = {0, 0, 0}, squares;
+    sb_vec3 along;
+    for (int a = 0; a < count; a++) {
+        const double *row = rows + (size_t)a * n;
+        off[a] = gaps[a];
+        for (size_t k = 0; k < n; k++)
+            off[a] += row[k] * (t->state[k] - t->column[k]);
+        for (int b = 0; b <= a; b++) {
+            const double *other = rows + (size_t)b * n;
+            double sum = 0;
+            for (size_t k = 0; k < n; k++) {
+                double part = 0;
+                for (size_t l = 0; l < n; l++)
+                    part += t->precision[k * n + l] * other[l];
+                sum += row[k] * part;
+            }
+            expected.m[a][b] = expected.m[b][a] = (sb_real)(open * sum + (a == b));
+        }
+    }
+    if (sb_m3_spd_inverse(expected, &inverse) != 0)
+        return 0;
+    along = sb_v3((sb_real)off[0], (sb_real)off[1], (sb_real)off[2]);
+    squares = (double)sb_v3_dot(along, sb_m3_apply(inverse, along)) / variance;
+    return squares > count ? (freedom + count) / (freedom + squares) : 1;
+}
+
+/* Adds rows and gaps of the lines of landmarks and curves behind those of `count` patches; returns how many there are
+ * then. */
+static int regi_track_fill_lines(reg_track *t, int count, sb_real *trusted)
+{
+    size_t n = (size_t)t->unknowns;
+    double least = 1e-4 * (double)t->model->size, misfit = (double)t->def.misfit, sum = 0;
+    int features = 0, width;
+    sb_vec3 place;
+    sb_quat turned;
+    sb_mat3 rotation;
+    regi_track_pose(t, &place, &turned);
+    rotation = sb_quat_to_mat3(turned);
+    for (int first = 0; first < t->marks.line_count; first += width) {
+        double *rows = t->rows + (size_t)count * n, *gaps = t->gaps + count, variance, trust, scale;
+        width = first < t->marks.fixed_count ? 3 : 2;
+        /* three samples of a curve are as far apart as two patches are: what the shapes miss is one for them */
+        variance = t->marks.lines[first].variance + least * least + (width == 2 ? 3 : 1) * misfit * misfit;
+        for (int k = 0; k < width; k++)
+            regi_track_fill_line(t, t->marks.lines + first + k, place, rotation, rows + (size_t)k * n, gaps + k);
+        trust = regi_track_trust_lines(t, rows, gaps, variance, width);
+        scale = sqrt(trust / variance);
+        for (size_t k = 0; k < (size_t)width * n; k++)
+            rows[k] *= scale;
+        for (int k = 0; k < width; k++)
+            gaps[k] *= scale;
+        sum += trust;
+        features++;
+        count += width;
+    }
+    *trusted = (sb_real)(features > 0 ? sum / features : 0);
+    return count;
 }
 
 static sb_result regi_track_take_look(reg_track *t, int look, int *counted, reg_track_info *info)
@@ -413,9 +531,15 @@ static sb_result regi_track_take_look(reg_track *t, int look, int *counted, reg_
         return result;
     *counted = regi_track_fill_rows(t, &info->seen);
     regi_look_measure(&t->look, &info->used, &info->residual, &p95);
+    regi_track_gather(t, *counted);
+    if (t->marks.line_count > 0) {
+        if (!regi_track_weigh_target(t))
+            return sbi_fail(&info->error, SB_ERROR_INDEFINITE, "what is known of the organ is not positive any more");
+        *counted = regi_track_fill_lines(t, *counted, &info->trusted);
+        regi_track_gather(t, *counted);
+    }
     if (*counted == 0)
         return SB_OK;
-    regi_track_gather(t, *counted);
     if (look == 0) {
         info->innovation = (sb_real)regi_track_surprise(t, *counted);
         if (info->innovation < 0 || !regi_track_choose(t))
@@ -435,6 +559,8 @@ REGI_API sb_result regi_track_take_in(reg_track *t, int *counted, reg_track_info
     t->look.has_camera = t->incoming_has_camera;
     t->look.camera = t->incoming_camera;
     *counted = 0;
+    if (!t->waiting)
+        t->incoming_count = 0;
     if (!regi_track_weigh_pose(t))
         return sbi_fail(&info->error, SB_ERROR_INDEFINITE, "what is known of the pose is not positive any more");
     for (int look = 0; look < REGI_TRACK_LOOKS && (look == 0 || *counted > 0); look++) {
@@ -444,6 +570,6 @@ REGI_API sb_result regi_track_take_in(reg_track *t, int *counted, reg_track_info
     }
     if (*counted > 0 && !regi_track_settle(t))
         return sbi_fail(&info->error, SB_ERROR_INDEFINITE, "the target cannot be taken in");
-    info->noise = t->look.noise;
+    info->noise = t->next.noise;
     return result;
 }

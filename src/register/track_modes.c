@@ -173,19 +173,19 @@ static void regi_track_keep_modes(reg_track *t)
     }
 }
 
-/* Arms and shapes of the skin's nodes; skin[] is scratch. */
-static void regi_track_carry_skin(reg_track *t)
+/* arms[count] and modes[count][3][modes] of the points of a mapping; scratch: [count]. */
+static void regi_track_carry(const reg_track *t, const sb_mapping *mapping, int count, sb_vec3 *arms, double *modes,
+                             sb_vec3 *scratch)
 {
-    const sb_mapping *mapping = &t->model->rows.mapping;
     size_t q = (size_t)t->def.modes;
-    sb_mapping_apply(mapping, t->arms, t->skin_arms);
+    sb_mapping_apply(mapping, t->arms, arms);
     for (size_t k = 0; k < q; k++) {
-        sb_mapping_apply(mapping, t->modes + k * (size_t)t->node_count, t->skin);
-        for (int i = 0; i < t->skin_count; i++) {
-            double *to = t->skin_modes + (size_t)i * 3 * q + k;
-            to[0] = (double)t->skin[i].x;
-            to[q] = (double)t->skin[i].y;
-            to[2 * q] = (double)t->skin[i].z;
+        sb_mapping_apply(mapping, t->modes + k * (size_t)t->node_count, scratch);
+        for (int i = 0; i < count; i++) {
+            double *to = modes + (size_t)i * 3 * q + k;
+            to[0] = (double)scratch[i].x;
+            to[q] = (double)scratch[i].y;
+            to[2 * q] = (double)scratch[i].z;
         }
     }
 }
@@ -241,7 +241,9 @@ REGI_API void regi_track_covariance_of(const reg_track *t, int node, double *row
 
 REGI_API void regi_track_derive(reg_track *t)
 {
-    regi_track_carry_skin(t);
+    regi_track_carry(t, &t->model->rows.mapping, t->skin_count, t->skin_arms, t->skin_modes, t->skin);
+    if (t->marks.count > 0)
+        regi_track_carry(t, &t->marks.rows.mapping, t->marks.count, t->mark_arms, t->mark_modes, t->marks.places);
     regi_track_find_spread(t);
 }
 

@@ -5,6 +5,7 @@
 
 #include "gauss.h"
 #include "infer_private.h"
+#include "marks.h"
 #include "track.h"
 
 enum {
@@ -56,14 +57,18 @@ struct reg_track {
     int *patch_of;      /* [triangles of the skin] */
     double *patch_area; /* [patches] m^2 */
     int patch_count;
-    int waiting; /* 1: incoming[] is a target */
+    regi_marks marks;    /* landmarks and curves: what waits of them, too */
+    sb_vec3 *mark_arms;  /* [marks] m, as arms */
+    double *mark_modes;  /* [marks][3][modes] m */
+    uint64_t marks_hash; /* of their places at rest */
+    int waiting;         /* 1: incoming[] is a target */
     int incoming_count;
     regi_look_point *incoming; /* [most_points] */
     int incoming_has_camera;
     sb_vec3 incoming_camera;
     sb_vec3 *skin;                      /* [skin nodes] where they are (m) */
-    double *rows;                       /* [patches + 3][unknowns] over their deviations */
-    double *gaps;                       /* [patches] likewise */
+    double *rows;                       /* [patches + 3 + lines of marks][unknowns] over their deviations */
+    double *gaps;                       /* [patches + lines of marks] likewise */
     double *forecast;                   /* [unknowns] of the state, before the target */
     double *state;                      /* [unknowns] of the look at hand: amounts, and the pose's way in this frame */
     double *information, *pull, *whole; /* [unknowns][unknowns] upper half, [unknowns] */
@@ -87,7 +92,7 @@ struct reg_track {
 REGI_API sb_result regi_track_linearise(reg_track *track, const sb_vec3 *displacements, const sb_real pose_sd[2],
                                         sb_error *error);
 
-/* What follows from arms and modes: those of the skin, and spread. */
+/* What follows from arms and modes: those of the skin and of marks, and spread. */
 REGI_API void regi_track_derive(reg_track *track);
 /* covariance (m^2) of where a node is, in the frame of the target; row: [unknowns] scratch. */
 REGI_API void regi_track_covariance_of(const reg_track *track, int node, double *row, sb_mat3 *covariance);
@@ -95,7 +100,7 @@ REGI_API void regi_track_covariance_of(const reg_track *track, int node, double 
 /* ---- track_frame ---- */
 /* next: what is known after dt (s) without a target. */
 REGI_API void regi_track_predict(reg_track *track, double dt);
-/* next: and with the one that waits. 0: no patch of it counts. */
+/* next: and with what waits, of targets and features. 0: no patch or line of it counts. */
 REGI_API sb_result regi_track_take_in(reg_track *track, int *counted, reg_track_info *info);
 /* Root mean square error to expect of the nodes (m). */
 REGI_API sb_real regi_track_expected(const reg_track *track, const regi_track_known *known);

@@ -5,7 +5,7 @@
 #include "track_private.h"
 
 static const char regi_track_magic[9] = "REGTRACK";
-enum { REGI_TRACK_VERSION = 1 };
+enum { REGI_TRACK_VERSION = 2 };
 
 /* One walk over what is saved: counts it, writes it, looks whether it may be read, or reads it. */
 typedef struct regi_track_image {
@@ -90,7 +90,7 @@ static int regi_track_walk_make(const reg_track *t, regi_track_image *image)
 {
     reg_track_def def = t->def;
     sb_real *reals[] = {&def.pose_sd, &def.pose_turn, &def.motion, &def.memory, &def.wander, &def.turn, &def.misfit};
-    uint64_t hash = regi_track_hash_model(t->model);
+    uint64_t hash = sbi_hash_word(regi_track_hash_model(t->model), t->marks_hash);
     int skin = t->skin_count, same = regi_track_word(image, hash, 8) == hash;
     same &= regi_track_int(image, &skin) == t->skin_count;
     same &= regi_track_int(image, &def.modes) == t->def.modes;
@@ -146,11 +146,53 @@ static int regi_track_walk_point(regi_track_image *image, regi_look_point *point
     return weight >= 0 && sd >= 0;
 }
 
-/* The target that waits, if one does. `room`: bytes that the image has for it. 0: out of range. */
-static int regi_track_walk_target(reg_track *t, regi_track_image *image, size_t room)
+/* Which features wait: landmarks that are seen, and samples of curves, are counted. 0: out of range. */
+static int regi_track_walk_seen(reg_track *t, regi_track_image *image, int *landmarks, int *samples)
 {
-    const size_t head = 2 * 4 + 3 * sizeof(sb_real), bytes = 8 * sizeof(sb_real);
-    int waiting = regi_track_int(image, &t->waiting), camera, count, good;
+    int good = 1;
+    *landmarks = *samples = 0;
+    for (int i = 0; i < t->marks.landmark_count + t->marks.curve_count; i++) {
+        int found = regi_track_int(image, t->marks.seen + i),
+            most = i < t->marks.landmark_count ? 1 : REGI_MARKS_SAMPLES;
+        good &= found >= 0 && found <= most;
+        *(i < t->marks.landmark_count ? landmarks : samples) += good ? found : 0;
+    }
+    return good;
+}
+
+/* Bytes of where they are seen. */
+static size_t regi_track_feature_bytes(int landmarks, int samples)
+{
+    const size_t place = 3 * sizeof(sb_real);
+    return (size_t)landmarks * (place + 8) + (size_t)samples * (2 * place + 8);
+}
+
+/* Where they are seen. 0: out of range, or not so many bytes. */
+static int regi_track_walk_features(reg_track *t, regi_track_image *image, int landmarks, int samples, size_t room)
+{
+    int good = 1;
+    if (image->in && room - image->used < regi_track_feature_bytes(landmarks, samples))
+        return 0;
+    for (int i = 0; i < landmarks; i++) {
+        regi_track_vectors(image, &t->marks.lines[3 * i].seen, 1);
+        good &= regi_track_double(image, &t->marks.lines[3 * i].variance) >= 0;
+    }
+    for (int i = 0; i < samples; i++) {
+        regi_track_vectors(image, &t->marks.samples[i].seen, 1);
+        regi_track_vectors(image, &t->marks.samples[i].tangent, 1);
+        good &= regi_track_double(image, &t->marks.samples[i].variance) >= 0;
+    }
+    if (good && image->keeps)
+        regi_marks_index(&t->marks);
+    return good;
+}
+
+/* The target that waits, if one does, of which `waiting` is known. `room`: bytes that the image has for it. 0: out of
+ * range. */
+static int regi_track_walk_target(reg_track *t, regi_track_image *image, int waiting, size_t room)
+{
+    const size_t head = 4 + 3 * sizeof(sb_real) + 4, bytes = 8 * sizeof(sb_real);
+    int camera, count, good;
     if (waiting == 0)
         return 1;
     if (image->in && (waiting != 1 || room < image->used + head))
@@ -169,10 +211,13 @@ static int regi_track_walk_target(reg_track *t, regi_track_image *image, size_t 
 static int regi_track_walk(reg_track *t, regi_track_image *image, size_t room)
 {
     size_t nodes = (size_t)t->node_count;
-    int good = regi_track_walk_known(t, image);
+    int good = regi_track_walk_known(t, image), landmarks, samples, waiting;
     regi_track_vectors(image, t->arms, nodes);
     regi_track_vectors(image, t->modes, nodes * (size_t)t->def.modes);
-    return regi_track_walk_target(t, image, room) && good;
+    good &= regi_track_walk_seen(t, image, &landmarks, &samples);
+    waiting = regi_track_int(image, &t->waiting);
+    return good && regi_track_walk_features(t, image, landmarks, samples, room) &&
+           regi_track_walk_target(t, image, waiting, room);
 }
 
 /* ---- the calls ---- */
@@ -204,12 +249,12 @@ REG_API sb_result reg_track_save(const reg_track *track, void *buffer, size_t si
     return SB_OK;
 }
 
-/* Bytes of a state without a target: all that a walk reads before it can know how many points wait. */
+/* Bytes of a state where nothing waits: all that a walk reads before it can know how much does. */
 static size_t regi_track_least(const reg_track *track)
 {
     reg_track view = *track;
     view.waiting = 0;
-    return regi_track_put(&view, NULL);
+    return regi_track_put(&view, NULL) - regi_track_feature_bytes(view.marks.fixed_count / 3, view.marks.sample_count);
 }
 
 static sb_result regi_track_check_content(const reg_track *track, const unsigned char *in, size_t size, sb_error *error)
