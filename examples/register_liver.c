@@ -38,6 +38,7 @@
 #include "options.h"
 #include "picture.h"
 #include "registration.h"
+#include "rows.h"
 
 enum { EXIT_USAGE = 2, EXIT_FAILED = 3, EXIT_DOUBTFUL = 4 };
 #define REAL(x) ((sb_real)(x)) /* files and everything here are in double, the body in sb_real */
@@ -100,76 +101,9 @@ static int complain_memory(void)
 
 /* ---- text files of numbers ------------------------------------------------------------------------------------- */
 
-enum { MOST_COLUMNS = 6 };
-
-typedef struct row {
-    int line, count;
-    double values[MOST_COLUMNS];
-} row;
-
-typedef struct rows {
-    const char *path;
-    row *items; /* [count] */
-    int count, room;
-} rows;
-
-/* 1: a row, 0: an empty line, -1: not numbers, or too many. */
-static int parse_row(const char *text, row *out)
-{
-    out->count = 0;
-    for (;;) {
-        char *end;
-        double value;
-        while (*text == ' ' || *text == '\t' || *text == ',' || *text == '\r' || *text == '\n')
-            text++;
-        if (!*text || *text == '#')
-            return out->count > 0;
-        value = strtod(text, &end);
-        if (end == text || out->count == MOST_COLUMNS || !(value - value == 0))
-            return -1;
-        out->values[out->count++] = value;
-        text = end;
-    }
-}
-
-static int add_row(rows *table, const row *item)
-{
-    if (table->count == table->room) {
-        int room = table->room ? 2 * table->room : 64;
-        row *grown = (row *)realloc(table->items, (size_t)room * sizeof *grown);
-        if (!grown)
-            return 0;
-        table->items = grown;
-        table->room = room;
-    }
-    table->items[table->count++] = *item;
-    return 1;
-}
-
-/* Rows of as many numbers as `columns` has bits for: bit k for k numbers. `form` says it in words. */
 static int read_rows(const char *path, unsigned columns, const char *form, rows *table)
 {
-    char text[512];
-    FILE *file = fopen(path, "r");
-    int status = 0;
-    row item;
-    memset(table, 0, sizeof *table);
-    table->path = path;
-    if (!file)
-        return complain(path, strerror(errno));
-    for (int line = 1; !status && fgets(text, sizeof text, file); line++) {
-        const char *start = line == 1 && strncmp(text, "\xEF\xBB\xBF", 3) == 0 ? text + 3 : text; /* UTF-8's mark */
-        int kind = strchr(text, '\n') || feof(file) ? parse_row(start, &item) : -1; /* cut: too long, or a NUL byte */
-        item.line = line;
-        if (kind < 0 || (kind > 0 && !(columns >> item.count & 1u)))
-            status = complain_line(path, line, form);
-        else if (kind > 0 && !add_row(table, &item))
-            status = complain_memory();
-    }
-    fclose(file);
-    if (!status && table->count == 0)
-        status = complain(path, "has no lines");
-    return status;
+    return rows_read("register_liver", path, columns, form, table);
 }
 
 static sb_vec3 row_point(const settings *set, const row *item, int first)
@@ -275,7 +209,7 @@ static int parse_place(const work *w, const char *name, const char *text, sb_vec
     row item;
     if (!text)
         return 0;
-    if (parse_row(text, &item) != 1 || item.count != 3) {
+    if (rows_parse(text, &item) != 1 || item.count != 3) {
         fprintf(stderr, "register_liver: %s %s: not X,Y,Z\n", name, text);
         return EXIT_USAGE;
     }
@@ -506,12 +440,12 @@ static int nearest_node(const sb_mesh *mesh, sb_vec3 at)
 }
 
 /* Marks the nodes that a line of the file names. */
-static int mark_fixed(const work *w, const rows *table, const row *item, unsigned char *held)
+static int mark_fixed(const work *w, const row *item, unsigned char *held)
 {
     const double *v = item->values;
     if (item->count == 1) {
         if (!(v[0] >= 0 && v[0] < w->model.node_count && v[0] == floor(v[0])))
-            return complain_line(table->path, item->line, "no node of the model has that number");
+            return complain_line(w->set->fix, item->line, "no node of the model has that number");
         held[(int)v[0]] = 1;
     } else if (item->count == 3) {
         held[nearest_node(&w->model, row_point(w->set, item, 0))] = 1;
@@ -537,7 +471,7 @@ static int load_fixed(work *w)
     if (!status && (!held || !w->fixed))
         status = complain_memory();
     for (int i = 0; !status && i < table.count; i++)
-        status = mark_fixed(w, &table, table.items + i, held);
+        status = mark_fixed(w, table.items + i, held);
     for (int i = 0; !status && i < w->model.node_count; i++)
         if (held[i])
             w->fixed[w->fixed_count++] = i;

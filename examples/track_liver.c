@@ -5,10 +5,11 @@
  * Without a file a liver-like organ is made, twice: a fine one of tet10 and another law that breathes, and a coarse one
  * of tet4 that is the model; of a file both are made of its mesh. It hangs at its back, is pushed down at its top and
  * goes up and down as a whole. A camera above it sees points of its surface, with noise; a tool whose shadow goes to
- * and fro hides some, and now and then the camera sees nothing. Written are the course (CSV) and a chart (SVG): the
- * true error inside the organ beside the one that the tracker expects, and the time of each frame. Exit status: 0, 2
- * wrong usage or a file that cannot be read or written, 3 a computation failed or memory is short, 4 the organ was lost
- * at the end. */
+ * and fro hides some, and now and then the camera sees nothing. With --landmarks and --curves points and lines of the
+ * organ are seen beside the surface, on it or inside (as by ultrasound), wherever they are. Written are the course
+ * (CSV) and a chart (SVG): the true error inside the organ beside the one that the tracker expects, and the time of
+ * each frame. Exit status: 0, 2 wrong usage or a file that cannot be read or written, 3 a computation failed or memory
+ * is short, 4 the organ was lost at the end. */
 #include "system.h"
 
 #define SB_IMPLEMENTATION
@@ -18,6 +19,7 @@
 #include "options.h"
 #include "organ_scene.h"
 #include "plot.h"
+#include "rows.h"
 
 #define REAL(x) ((sb_real)(x)) /* everything here computes in double, the body in sb_real */
 
@@ -26,7 +28,7 @@ static const double pi = 3.14159265358979;
 enum { PHASES = 4, MOST_FRAMES = 20000, STATUS_LOST = 4 };
 
 typedef struct settings {
-    const char *organ, *out;
+    const char *organ, *out, *landmarks, *curves;
     double scale, breath, push, period, noise, rate, seconds, shadow, drop, drop_every;
     int points, cells, modes, seed, help;
 } settings;
@@ -46,6 +48,11 @@ typedef struct work {
     sb_vec3 *displacements;    /* [nodes of the model] */
     sb_vec3 *points, *normals; /* [points]; [surface nodes of real] */
     sb_embedding_rows rows;    /* of real's nodes in the model */
+    sb_vec3 *marks, *seen;     /* [mark_count] m: landmarks, then corners of curves: at rest, where they are seen now */
+    sb_embedding_rows held;    /* of these in real */
+    reg_landmark *landmarks;   /* [landmark_count] */
+    reg_curve *curves;         /* [curve_count] */
+    int mark_count, landmark_count, curve_count;
     reg_model *model;
     reg_track *track;
     moment *moments; /* [frames] */
@@ -202,6 +209,110 @@ static int scan(work *w, double time, unsigned long long *seed)
     return made;
 }
 
+/* ---- landmarks and curves --------------------------------------------------------------------------------------- */
+
+static sb_vec3 mark_of(const work *w, const double *values)
+{
+    const double scale = w->set->scale;
+    return sb_v3(REAL(scale * values[0]), REAL(scale * values[1]), REAL(scale * values[2]));
+}
+
+/* Curves of the table, whose rows are `c x y z`, c from 0 on and in order; their corners go behind the marks. */
+static int take_curves(work *w, const rows *table)
+{
+    const char *path = w->set->curves;
+    for (int i = 0; i < table->count; i++) {
+        const row *item = table->items + i;
+        int starts = item->values[0] == w->curve_count;
+        if (!starts && item->values[0] != w->curve_count - 1)
+            return rows_complain(program_name, path, item->line, "not `c x y z`, c from 0 on and in order");
+        if (starts)
+            w->curves[w->curve_count++].model = w->marks + w->mark_count;
+        w->curves[w->curve_count - 1].model_count++;
+        w->marks[w->mark_count++] = mark_of(w, item->values + 1);
+    }
+    for (int c = 0; c < w->curve_count; c++)
+        if (w->curves[c].model_count < 2)
+            return rows_complain(program_name, path, 0, "a line needs two corners");
+    return 0;
+}
+
+static int take_marks(work *w, const rows *points, const rows *corners)
+{
+    size_t all = (size_t)points->count + (size_t)corners->count + 1;
+    w->marks = (sb_vec3 *)calloc(all, sizeof(sb_vec3));
+    w->seen = (sb_vec3 *)calloc(all, sizeof(sb_vec3));
+    w->landmarks = (reg_landmark *)calloc((size_t)points->count + 1, sizeof(reg_landmark));
+    w->curves = (reg_curve *)calloc((size_t)corners->count + 1, sizeof(reg_curve));
+    if (!w->marks || !w->seen || !w->landmarks || !w->curves)
+        return organ_complain_memory(&w->real);
+    for (int i = 0; i < points->count; i++)
+        w->marks[w->mark_count++] = w->landmarks[w->landmark_count++].model = mark_of(w, points->items[i].values);
+    return take_curves(w, corners);
+}
+
+/* Where the marks are in the organ that breathes. */
+static int hold_marks(work *w)
+{
+    sb_embedding_def embed = sb_default_embedding_def();
+    sb_embedding *embedding = NULL;
+    sb_error error;
+    sb_result result;
+    embed.mesh = &w->real.mesh;
+    embed.points = w->marks;
+    embed.point_count = w->mark_count;
+    embed.kind = SB_EMBED_PLAIN;
+    embed.max_distance = REAL(0.05) * sb_v3_norm(sb_v3_sub(w->real.high, w->real.low));
+    result = sb_embedding_create(&embed, &embedding, &error);
+    if (result == SB_OK)
+        result = sb_embedding_mapping(embedding, NULL, &w->held, &error);
+    sb_embedding_destroy(embedding);
+    return result == SB_OK ? 0
+                           : organ_complain_of(&w->real, w->set->landmarks ? w->set->landmarks : w->set->curves, &error,
+                                               ORGAN_USAGE);
+}
+
+static int load_marks(work *w)
+{
+    const settings *s = w->set;
+    rows points, corners;
+    int status = 0;
+    memset(&points, 0, sizeof points);
+    memset(&corners, 0, sizeof corners);
+    if (s->landmarks)
+        status = rows_read(program_name, s->landmarks, 1u << 3, "not `x y z`", &points);
+    if (!status && s->curves)
+        status = rows_read(program_name, s->curves, 1u << 4, "not `c x y z`", &corners);
+    if (!status)
+        status = take_marks(w, &points, &corners);
+    if (!status && w->mark_count > 0)
+        status = hold_marks(w);
+    free(points.items);
+    free(corners.items);
+    return status;
+}
+
+/* Where the marks are seen, with noise. */
+static void see_marks(work *w, unsigned long long *seed)
+{
+    sb_real sd = REAL(fmax(w->set->noise, 1e-4));
+    if (w->mark_count > 0)
+        sb_mapping_apply(&w->held.mapping, w->now, w->seen);
+    for (int i = 0; i < w->mark_count; i++)
+        w->seen[i] = sb_v3_add(w->seen[i], sb_v3(REAL(w->set->noise * normal_chance(seed)),
+                                                 REAL(w->set->noise * normal_chance(seed)),
+                                                 REAL(w->set->noise * normal_chance(seed))));
+    for (int i = 0; i < w->landmark_count; i++) {
+        w->landmarks[i].seen = w->seen[i];
+        w->landmarks[i].sd = sd;
+    }
+    for (int i = 0; i < w->curve_count; i++) {
+        w->curves[i].seen = w->seen + (w->curves[i].model - w->marks);
+        w->curves[i].seen_count = w->curves[i].model_count;
+        w->curves[i].sd = sd;
+    }
+}
+
 /* ---- tracking -------------------------------------------------------------------------------------------------- */
 
 static int make_tracker(work *w)
@@ -217,6 +328,10 @@ static int make_tracker(work *w)
     def.model = w->model;
     def.modes = w->set->modes;
     def.most_points = w->set->points;
+    def.landmarks = w->landmarks;
+    def.landmark_count = w->landmark_count;
+    def.curves = w->curves;
+    def.curve_count = w->curve_count;
     def.clock = seconds_now;
     if (result == SB_OK)
         result = reg_track_create(&def, &w->track, &error);
@@ -269,7 +384,7 @@ static int is_dropped(const settings *s, double time)
 static int track(work *w)
 {
     const settings *s = w->set;
-    unsigned long long seed = (unsigned long long)s->seed;
+    unsigned long long seed = (unsigned long long)s->seed, other = seed + 1000003;
     for (int f = 0; f < w->frames; f++) {
         moment *m = w->moments + f;
         reg_points target;
@@ -283,8 +398,12 @@ static int track(work *w)
         target.count = scan(w, m->time, &seed);
         target.has_camera = 1;
         target.camera = sb_v3(0, 0, w->real.high.z + REAL(1));
+        see_marks(w, &other);
         if (!is_dropped(s, m->time) && target.count > 0 && reg_track_set_target(w->track, &target, &error) != SB_OK)
             return complain_of(w, "the scan", &error);
+        if (!is_dropped(s, m->time) && w->mark_count > 0 &&
+            reg_track_set_features(w->track, w->landmarks, w->curves, &error) != SB_OK)
+            return complain_of(w, "the landmarks and curves", &error);
         if (reg_track_step(w->track, 1 / s->rate, &info) != SB_OK)
             return complain_of(w, "a frame", &info.error);
         m->error = measure_error(w);
@@ -373,6 +492,11 @@ static void free_work(work *w)
     sb_embedding_rows_free(&w->rows);
     for (int k = 0; k < PHASES; k++)
         free(w->phase[k]);
+    sb_embedding_rows_free(&w->held);
+    free(w->marks);
+    free(w->seen);
+    free(w->landmarks);
+    free(w->curves);
     free(w->now);
     free(w->guess);
     free(w->displacements);
@@ -392,6 +516,8 @@ static int run(const settings *s)
     status = make_meshes(&w);
     if (!status)
         status = check_course(&w);
+    if (!status)
+        status = load_marks(&w);
     if (!status)
         status = breathe_in(&w);
     if (!status)
@@ -423,7 +549,7 @@ static settings default_settings(void)
     return s;
 }
 
-enum { OPTION_COUNT = 17 };
+enum { OPTION_COUNT = 19 };
 static void list_options(settings *s, option options[OPTION_COUNT])
 {
     const option all[OPTION_COUNT] = {
@@ -439,6 +565,10 @@ static void list_options(settings *s, option options[OPTION_COUNT])
         {"--shadow", "M", OPTION_NUMBER, NULL, &s->shadow, NULL, 0, 10, "width of what a tool hides; 0: nothing"},
         {"--drop", "S", OPTION_NUMBER, NULL, &s->drop, NULL, 0, 1000, "how long the camera sees nothing; 0: never"},
         {"--every", "S", OPTION_NUMBER, NULL, &s->drop_every, NULL, 0.1, 1e6, "and how often"},
+        {"--landmarks", "FILE", OPTION_TEXT, NULL, NULL, &s->landmarks, 0, 0,
+         "lines x y z of points of the organ that are seen, too, with the noise"},
+        {"--curves", "FILE", OPTION_TEXT, NULL, NULL, &s->curves, 0, 0,
+         "lines c x y z: the next corner of line c (0, 1, ...) of the organ, likewise"},
         {"--rate", "HZ", OPTION_NUMBER, NULL, &s->rate, NULL, 1, 1000, "scans a second"},
         {"--seconds", "S", OPTION_NUMBER, NULL, &s->seconds, NULL, 1, 600, "how long to follow"},
         {"--cells", "N", OPTION_INTEGER, &s->cells, NULL, NULL, 10, 40, "along the model of an organ that is made"},

@@ -706,6 +706,18 @@ check "the error to expect is of the size of the error" \
     holds "$(last expected_mm) > 0.5 * $(last error_mm) && $(last expected_mm) < 5 * $(last error_mm)"
 check "a row for each frame" [ "$(wc -l <track_liver.csv | tr -d ' ')" = 121 ]
 check "the chart has what is expected" grep -q '>expected<' track_liver.svg
+printf -- '-0.0994 0 -0.0456\n0.0994 0 -0.0416 # the right lobe\n' >marks.txt
+printf '0 -0.0177 -0.0662 -0.02\n0 0.03 -0.06 -0.02\n0 0.06 -0.04 -0.02\n1 -0.05 0 0\n1 0 0 0.01\n1 0.05 0 0\n' >curves.txt
+# 1.0 to 1.1 mm without them, 0.52 to 0.54 with them
+expect 0 '^error_mm=0\.[0-7]' track_liver --seconds 4 --landmarks marks.txt --curves curves.txt
+echo '1 2' >bad.txt
+expect 2 'bad.txt:1: not .x y z' track_liver --cells 10 --landmarks bad.txt
+echo '3 0 0' >bad.txt
+expect 2 'outside the mesh' track_liver --cells 10 --landmarks bad.txt
+echo '1 0 0 0' >bad.txt
+expect 2 'bad.txt:1: not .c x y z' track_liver --cells 10 --curves bad.txt
+echo '0 0 0 0' >bad.txt
+expect 2 'a line needs two corners' track_liver --cells 10 --curves bad.txt
 track="track_liver --cells 10 --seconds 1 --points 200"
 expect 4 'state=lost$' $track --seconds 2 --drop 1.5 --every 2 -o lost
 expect_data 0 'state=follows$' $track volumes/liver_a_tet4_2k.vtk -o file
