@@ -1477,8 +1477,8 @@ typedef enum reg_prior_kind {
 
 typedef struct reg_quality {
     reg_infer_stop stop;
-    unsigned warnings; /* REG_WARN_..., or-ed. VIEW_SMALL: also where the error to expect is above 0.6 of the elastic
-                        * motion; LOW_CONTRAST: the pose is open by 2 % of the size or 5 degrees */
+    unsigned warnings; /* REG_WARN_..., or-ed. VIEW_SMALL: also where the error to expect is above 0.03 of the size;
+                        * LOW_CONTRAST: the pose is open by 2 % of the size or 5 degrees */
     reg_prior_kind prior;
     sb_real prior_margin;             /* log evidence over that of no loads, tempered */
     sb_real pressure_margin;          /* log evidence of a pressure on what is pressed over none, tempered; 0: none */
@@ -14153,6 +14153,9 @@ REGI_API sb_result regi_infer_round(reg_infer *f, int round, sb_error *error)
 /* See regi_infer_widen. */
 #define REGI_INFER_LEAST_MOTION 0.005
 
+/* An error to expect above so many sizes is a view that shows too little. */
+#define REGI_INFER_OPEN 0.03
+
 /* What is not known of the material: log of the stiffness of a region (sd), and Poisson's ratio. */
 #define REGI_INFER_STIFFNESS_SD 0.5
 #define REGI_INFER_POISSON_SD 0.02
@@ -14503,22 +14506,6 @@ static void regi_infer_measure_shape(reg_infer *f)
     f->quality.volume_ratio = (sb_real)(before > 0 ? after / before : 1);
 }
 
-/* Root mean square over nodes of what the organ moved but as a whole, by its loads (m). */
-static sb_real regi_infer_elastic_motion(const reg_infer *f)
-{
-    reg_rigid motion;
-    double sum = 0;
-    for (int i = 0; i < f->node_count; i++)
-        f->trial[i] = sb_v3_add(f->model->mesh.nodes[i], f->shape[i]);
-    if (reg_rigid_fit(f->model->mesh.nodes, f->trial, NULL, f->node_count, &motion, NULL) != SB_OK)
-        return 0;
-    for (int i = 0; i < f->node_count; i++) {
-        sb_vec3 d = sb_v3_sub(f->trial[i], reg_rigid_apply(&motion, f->model->mesh.nodes[i]));
-        sum += (double)sb_v3_dot(d, d);
-    }
-    return (sb_real)sqrt(sum / f->node_count);
-}
-
 static void regi_infer_summarise(reg_infer *f)
 {
     reg_quality *q = &f->quality;
@@ -14545,7 +14532,7 @@ static void regi_infer_warn(reg_infer *f)
 {
     reg_quality *q = &f->quality;
     sb_real size = f->model->size;
-    if (q->seen < (sb_real)REGI_INFER_SMALL || q->expected > (sb_real)0.6 * regi_infer_elastic_motion(f))
+    if (q->seen < (sb_real)REGI_INFER_SMALL || q->expected > (sb_real)REGI_INFER_OPEN * size)
         q->warnings |= REG_WARN_VIEW_SMALL;
     if (q->used < (sb_real)0.7)
         q->warnings |= REG_WARN_MANY_OUTLIERS;

@@ -803,7 +803,7 @@ static void tell_warnings(const work *w, const reg_quality *quality)
         {REG_WARN_AMBIGUOUS, "another pose explains the target about as well"},
         {REG_WARN_MIXED_NORMALS, "normals point towards the camera and away from it"},
         {REG_WARN_SCALE, "the target's size does not fit the model's"},
-        {REG_WARN_VIEW_SMALL, "less than 15 % of the organ is seen, or hardly what its loads did"},
+        {REG_WARN_VIEW_SMALL, "less than 15 % of the organ is seen, or too little for its shape"},
         {REG_WARN_MANY_OUTLIERS, "over 30 % of the target is nowhere near the model"},
         {REG_WARN_LOW_CONTRAST, "what is seen leaves a turn or a shift open"},
         {REG_WARN_FREE_SPACE, "a part of the model hides what the camera saw"},

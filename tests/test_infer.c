@@ -319,6 +319,9 @@ static void test_organs(void)
                     CHECK(view ? quality.seen < REAL(0.7) : quality.seen > REAL(0.9));
                     CHECK(quality.volume_ratio > REAL(0.9) && quality.volume_ratio < REAL(1.1));
                     CHECK(quality.expected > 0 && quality.expected_worst >= quality.expected);
+                    CHECK(view || !(quality.warnings & REG_WARN_VIEW_SMALL)); /* all is seen */
+                    CHECK(((quality.warnings & REG_WARN_VIEW_SMALL) != 0) ==
+                          (quality.seen < REAL(0.15) || (double)quality.expected > 0.03 * o.size));
                     CHECK(view == 0 || quality.pose_sd[0] > REAL(1.5) * pose_sd); /* less is seen */
                     pose_sd = quality.pose_sd[0];
                     sums[view][0] += error / motion;

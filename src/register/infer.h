@@ -156,8 +156,8 @@ typedef enum reg_prior_kind {
 
 typedef struct reg_quality {
     reg_infer_stop stop;
-    unsigned warnings; /* REG_WARN_..., or-ed. VIEW_SMALL: also where the error to expect is above 0.6 of the elastic
-                        * motion; LOW_CONTRAST: the pose is open by 2 % of the size or 5 degrees */
+    unsigned warnings; /* REG_WARN_..., or-ed. VIEW_SMALL: also where the error to expect is above 0.03 of the size;
+                        * LOW_CONTRAST: the pose is open by 2 % of the size or 5 degrees */
     reg_prior_kind prior;
     sb_real prior_margin;             /* log evidence over that of no loads, tempered */
     sb_real pressure_margin;          /* log evidence of a pressure on what is pressed over none, tempered; 0: none */
