@@ -576,7 +576,7 @@ static void score_points(const work *w, const sb_vec3 *moved, score *s)
 /* What the method says of its own error, and whether it should be trusted to 5 mm. */
 static void score_trust(const outcome *out, score *s)
 {
-    const double limit = 3; /* mm that may be expected */
+    const double limit = 5; /* mm that may be expected */
     const double least_seen = 0.15;
     reg_quality quality;
     s->flagged = -1;

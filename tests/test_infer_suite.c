@@ -45,8 +45,8 @@ static void see_swab(const motion *m, double middle, seen *s, unsigned long long
     for (int line = 0; line < 10; line++) {
         double d[3];
         organ_direction(seed, d);
-        add_cut(m, s, sb_v3(REAL(d[0]), REAL(d[1]), REAL(0.3 * d[2])), check_random_in(seed, -0.03, 0.03), middle, 0.7e-3,
-                seed);
+        add_cut(m, s, sb_v3(REAL(d[0]), REAL(d[1]), REAL(0.3 * d[2])), check_random_in(seed, -0.03, 0.03), middle,
+                0.7e-3, seed);
     }
     for (int i = 0; i < s->count && i < SWABBED; i++) { /* at random */
         int other = i + (int)check_random_in(seed, 0, s->count - i) % (s->count - i);
@@ -62,8 +62,8 @@ static void see_sheets(const motion *m, double middle, double height, seen *s, u
 {
     for (int sheet = 0; sheet < 6; sheet++) {
         double tilt = 0.15 * (sheet - 2.5);
-        add_cut(m, s, sb_v3(REAL(cos(tilt)), REAL(0.2), REAL(sin(tilt))), 0.03 * (sheet - 2.5), middle - height / 6, 1.5e-3,
-                seed);
+        add_cut(m, s, sb_v3(REAL(cos(tilt)), REAL(0.2), REAL(sin(tilt))), 0.03 * (sheet - 2.5), middle - height / 6,
+                1.5e-3, seed);
     }
 }
 
