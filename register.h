@@ -1354,7 +1354,7 @@ REG_API int reg_model_node_count(const reg_model *model); /* 0 for NULL */
  * measured when the answer went all of the way, see `sure`.) Beyond that generator: in 96 cases of examples/insilico
  * with 0.5 and 3 mm of noise that nothing was tuned on (prescribed motions of four kinds on three organs, whole and
  * from one side) errors were 0.74 times the start's in geometric mean, never above 1.1 times, and all 31 above 5 mm
- * were flagged. In 406 further cases on which nothing was tuned 191 of 194 above 5 mm expect more than that, but so do
+ * were flagged. In 408 further cases on which nothing was tuned 193 of 196 above 5 mm expect more than that, but so do
  * 98 of the 212 others: the true error scatters about what is expected by a factor of 1.6. Give the model some 2,000
  * nodes.
  *
