@@ -981,8 +981,15 @@ static void test_memory(void)
         reg_track_def def = reg_default_track_def();
         reg_track_info info;
         int frames = getenv("CHECK_SLOW") ? 10000 : 300;
+        const sb_vec3 line[2] = {{0, 0, 0}, {REAL(0.2), 0, 0}};
+        const reg_landmark mark = {{REAL(0.2), 0, 0}, {0, 0, 0}, 1};
+        const reg_curve curve = {line, 2, NULL, 0, 1};
         def.model = b.model;
         def.modes = 4;
+        def.landmarks = &mark;
+        def.landmark_count = 1;
+        def.curves = &curve;
+        def.curve_count = 1;
         for (int fail = 1, before = (int)memory.live; result == SB_ERROR_MEMORY && fail < 100; fail++) {
             reg_track *track = NULL;
             memory.calls = 0;
