@@ -136,6 +136,7 @@ static void test_recorded_starts(void)
         sb_body *body = bending_beam(&mesh, SB_HEX8, some_material(2, 5e3, 0.3), sb_v3(0, 0, REAL(-0.3)), NULL), *again;
         sb_recording *recording = NULL;
         sb_static_options options = sb_default_static_options();
+        const int below = -1;
         again = bending_beam(&same, SB_HEX8, some_material(2, 5e3, 0.3), sb_v3(0, 0, REAL(-0.3)), NULL);
         CHECK_OK(sb_recording_start(body, 0, NULL, &recording, NULL));
         solve_from(body, (sb_start)start, scene_tolerance(1e-6, 1e3));
@@ -144,7 +145,7 @@ static void test_recorded_starts(void)
                      (size_t)mesh.node_count * sizeof(sb_vec3)) == 0);
         options.start = (sb_start)(SB_START_ROTATIONS + 1);
         CHECK(sb_body_solve_static(body, &options, NULL) == SB_ERROR_ARGUMENT);
-        options.start = (sb_start)-1;
+        memcpy(&options.start, &below, sizeof options.start);
         CHECK(sb_body_solve_static(body, &options, NULL) == SB_ERROR_ARGUMENT);
         sb_recording_destroy(recording);
         sb_body_destroy(again);
