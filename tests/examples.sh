@@ -720,7 +720,7 @@ echo '0 0 0 0' >bad.txt
 expect 2 'a line needs two corners' track_liver --cells 10 --curves bad.txt
 track="track_liver --cells 10 --seconds 1 --points 200"
 expect 4 'state=lost$' $track --seconds 2 --drop 1.5 --every 2 -o lost
-expect_data 0 'state=follows$' $track volumes/liver_a_tet4_2k.vtk -o file
+expect_data 0 'state=follows$' track_liver volumes/liver_a_tet4_2k.vtk --seconds 1 --points 200 -o file
 expect 2 '--modes needs a whole number from 1 to 96' track_liver --modes 0
 expect 2 '--rate needs a number from' track_liver --rate 0
 expect 2 'more than 20,000 frames' track_liver --cells 10 --seconds 600 --rate 100
