@@ -155,7 +155,8 @@ static int time_steps(const settings *s, const beam *b, const kind *k, int corot
                              : sb_material_linear(2000, (sb_real)0.3, (sb_real)6.23);
     def.gravity = corotated ? sb_v3((sb_real)9.81, 0, 0) : sb_v3(0, (sb_real)9.81, 0);
     def.integrator = integrator;
-    def.preconditioner = SB_PRECOND_BLOCK_JACOBI; /* mass outweighs stiffness in such steps */
+    if (!corotated || k->points <= 0)                 /* corotated particles have the best there is anyway */
+        def.preconditioner = SB_PRECOND_BLOCK_JACOBI; /* mass outweighs stiffness in such steps */
     status = make_body(b, k, &def, &m);
     for (int step = 0; step < s->steps && !status; step++) {
         sb_step_info info;

@@ -1062,6 +1062,7 @@ public unsafe struct sb_pcg_workspace
     public void* guests;
     public UIntPtr guest_bytes;
     public IntPtr extra;
+    public IntPtr unassembled;
     public IntPtr record;
     public sb_allocator allocator;
 }

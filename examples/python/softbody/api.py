@@ -1024,6 +1024,7 @@ sb_pcg_workspace._fields_ = [
     ("guests", c_void_p),
     ("guest_bytes", c_size_t),
     ("extra", c_void_p),
+    ("unassembled", c_void_p),
     ("record", c_void_p),
     ("allocator", sb_allocator),
 ]

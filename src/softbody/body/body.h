@@ -66,7 +66,12 @@ typedef struct sb_body_def {
     sb_real damping_mass;         /* Rayleigh alpha (1/s), >= 0; default 0 */
     sb_real damping_stiffness;    /* Rayleigh beta (s), >= 0; default 0 */
     sb_precond_kind preconditioner;   /* of conjugate gradients; default SB_PRECOND_AUTO, which looks at the size:
-                                       * sb_body_solver tells what it chose */
+                                       * sb_body_solver tells what it chose. Linearised steps of corotated particles
+                                       * with at most springs, mappings and potentials as loads make no matrix where
+                                       * no diagonal entry of it is more than 12 times the node's mass term (M / dt^2
+                                       * of SB_EULER): products go from point to point, and the diagonal alone
+                                       * preconditions, a tenth of the time. With SB_PRECOND_NONE they never make one,
+                                       * and nothing preconditions; other kinds always have a matrix */
     const sb_multigrid_level *levels; /* [level_count] of SB_PRECOND_MULTIGRID, from fine to coarse, copied; not with
                                        * slack. Default NULL: made from the nodes' places and the materials of now, also
                                        * for another mesh later (materials that are set later change the time of a

@@ -1158,6 +1158,33 @@ SBI_API void sbi_loads_subtract_product(const sb_body *body, const sb_vec3 *x, s
     }
 }
 
+SBI_API int sbi_loads_are_rows(const sb_body *body)
+{
+    for (int l = 0; l < body->load_count; l++)
+        if (sbi_load_has_faces(body->loads + l) || body->loads[l].kind == SBI_LOAD_CABLE)
+            return 0;
+    return 1;
+}
+
+/* The mean of the three diagonal entries of what sbi_load_stiff_part is. */
+static sb_real sbi_load_mean_part(const sbi_load *load, int row)
+{
+    sb_real square = load->lines ? sb_v3_dot(load->lines[row], load->lines[row]) : 0;
+    return load->lines ? (3 * (1 - square) + square) / 3 : 1;
+}
+
+SBI_API void sbi_loads_add_diagonal(const sb_body *body, sb_real factor, sb_real *diagonal)
+{
+    for (int l = 0; l < body->load_count; l++) {
+        const sbi_load *load = body->loads + l;
+        for (int j = 0; j < load->row_count; j++) {
+            sb_real k = sbi_load_stiffness_at(load, j, factor) * sbi_load_mean_part(load, j);
+            for (int a = load->row_start[j]; a < load->row_start[j + 1]; a++)
+                diagonal[load->nodes[a]] += k * load->weights[a] * load->weights[a];
+        }
+    }
+}
+
 /* Adds the work of a pressure on a face at x along x + s d: the integrand -p N d.(x_r + s d_r) x (x_s + s d_s). */
 static void sbi_body_face_work(const sbi_load_rule *rule, int count, const sb_vec3 *x, const sb_vec3 *d,
                                sb_real pressure, sbi_loads_work *work)

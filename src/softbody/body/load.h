@@ -97,6 +97,10 @@ SBI_API void sbi_loads_add_slack(sb_body *body, const sb_vec3 *u, sb_matrix *mat
 /* out -= K x with the stiffness of springs, mappings, membranes and cables (where they were laid last), which is what
  * sbi_loads_add_tangent added for linearised steps. */
 SBI_API void sbi_loads_subtract_product(const sb_body *body, const sb_vec3 *x, sb_real factor, sb_vec3 *out);
+/* 1 when all of them are springs, mappings and potentials: their stiffness is one of rows of weights. */
+SBI_API int sbi_loads_are_rows(const sb_body *body);
+/* diagonal [node_count] += the mean of the three diagonal entries of that stiffness at each node. */
+SBI_API void sbi_loads_add_diagonal(const sb_body *body, sb_real factor, sb_real *diagonal);
 /* 1 where a pressure is not 0. */
 SBI_API int sbi_loads_press(const sb_body *body);
 /* out += factor S x with the part S of the present pressures' stiffness that sbi_loads_add_tangent leaves out: it is

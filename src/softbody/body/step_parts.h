@@ -80,6 +80,8 @@ typedef struct sbi_step {
     sb_real push;           /* and its factor in A; 0: there is none */
     int keeps;              /* 1: the tangent of a step before stands for A, */
     int notes;              /* 1: or this one's is to be kept: see step_kept.c */
+    int unassembled;        /* 1: A is not assembled: see step_unassembled.c */
+    sb_real support_scale;  /* and its entries on supported axes (N/m) */
 
     /* where it is */
     int moves_supports;      /* the present increment moves supported nodes or closes gaps of constraints */

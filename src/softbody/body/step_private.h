@@ -99,6 +99,17 @@ SBI_API void sbi_kept_add_coasting(sbi_step *step);
 /* Of step->keeps, once it is solved: 1 when A' does nearly the work that A does on what the motion changes by. */
 SBI_API int sbi_kept_was_near(const sbi_step *step);
 
+/* ---- step_unassembled.c ---- */
+/* Sets step->unassembled, the forces being those of the present displacement. */
+SBI_API void sbi_unassembled_begin(sbi_step *step);
+/* Of step->unassembled, once the increment's supported axes have the way that they go: the right-hand side, with what
+ * supports that move add to it, and the matrix's mask. */
+SBI_API void sbi_unassembled_fill(sbi_step *step);
+/* What conjugate gradients take in place of the matrix and its preconditioner. Uses work and work2 while it solves. */
+SBI_API const sbi_pcg_operator *sbi_unassembled_operator(sbi_step *step, sbi_pcg_operator *out);
+/* Reactions, r + A du on supported axes. */
+SBI_API void sbi_unassembled_reactions(const sbi_step *step);
+
 /* ---- step_done.c: of static solves ---- */
 /* An increment begins. */
 SBI_API void sbi_static_begin_report(sbi_step *step);

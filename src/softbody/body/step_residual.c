@@ -149,6 +149,10 @@ SBI_API void sbi_step_damping_product(const sbi_step *step, const sb_vec3 *x, sb
         sb_matrix_multiply(&damping, &x[0].x, &out[0].x, &b->jobs);
         return;
     }
+    if (step->unassembled) {
+        (void)sbi_assembly_multiply(&b->assembly, x, out);
+        return;
+    }
     sb_matrix_multiply(&b->matrix, &x[0].x, &out[0].x, &b->jobs);
     if (b->load_count)
         sbi_loads_subtract_product(b, x, step->loads_factor, out);
@@ -319,8 +323,10 @@ SBI_API sb_result sbi_step_evaluate(sbi_step *step)
     result = sbi_kept_begin(step);
     if (result != SB_OK)
         return result;
-    if (!step->keeps && (step->linearised || /* its residual may need K v, contact measures by it */
-                         (step->touch && step->iteration == 0)))
+    sbi_unassembled_begin(step);
+    if (!step->keeps && !step->unassembled &&
+        (step->linearised || /* its residual may need K v, contact measures by it */
+         (step->touch && step->iteration == 0)))
         sbi_step_tangent(step, SB_TANGENT_QUASI);
     if (step->iteration == 0 && step->body->load_count && sbi_loads_are_stiff(step->body)) {
         if (!step->linearised && !step->touch)

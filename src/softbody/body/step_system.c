@@ -128,7 +128,9 @@ static void sbi_step_support_reactions(const sbi_step *step)
 
 SBI_API void sbi_step_reactions(const sbi_step *step)
 {
-    if (step->body->elimination)
+    if (step->unassembled)
+        sbi_unassembled_reactions(step);
+    else if (step->body->elimination)
         sbi_step_constrained_reactions(step);
     else
         sbi_step_support_reactions(step);
@@ -252,6 +254,10 @@ SBI_API sb_result sbi_step_make_system(sbi_step *step)
     if (step->slow)
         sbi_static_take_direct(step);
     sbi_step_predict(step);
+    if (step->unassembled) {
+        sbi_unassembled_fill(step);
+        return SB_OK;
+    }
     if (step->touch && step->linearised)
         sbi_step_evaluate_touch(step, b->increment, 1, 1);
     sbi_step_fill_system(step);
@@ -278,6 +284,7 @@ SBI_API sb_result sbi_step_solve_once(sbi_step *step, sb_real tolerance, const s
     sbi_elimination *e = b->elimination;
     sbi_pcg_demand asked = demand ? *demand : sbi_pcg_step_demand();
     sbi_pcg_extra extra;
+    sbi_pcg_operator whole;
     sb_result result;
     asked.bend = asked.later ? NULL : sbi_step_bend(step);
     asked.product = step->keeps ? &b->work2[0].x : NULL; /* see sbi_kept_add_coasting */
@@ -287,9 +294,11 @@ SBI_API sb_result sbi_step_solve_once(sbi_step *step, sb_real tolerance, const s
     options.tolerance = (double)tolerance;
     options.max_iterations = step->max_iterations;
     options.jobs = &b->jobs;
+    b->pcg.unassembled = step->unassembled ? sbi_unassembled_operator(step, &whole) : NULL;
     result = sbi_pcg_solve_guests(e ? &e->matrix : &b->matrix, e ? e->precond : b->precond, &b->rhs[0].x,
                                   &b->increment[0].x, &step->guests, &options, &b->pcg, &asked, &pcg);
     b->pcg.extra = NULL;
+    b->pcg.unassembled = NULL;
     info->pcg_iterations += pcg.iterations;
     step->slow = !step->dynamic && !step->starts && pcg.iterations > SBI_STATIC_SLOW;
     if (step->linearised)

@@ -114,6 +114,7 @@ typedef struct sbi_assembly_job {
     const int *chunks; /* of the running colour */
     const sb_vec3 *u, *x;
     int turned;
+    const unsigned char *held; /* [node_count] products are for; NULL: all */
     sb_vec3 *force;
     sb_matrix *matrix;
     sb_tangent_kind kind;
@@ -687,7 +688,7 @@ static void sbi_assembly_chunk(void *user, int index)
         break;
     case SBI_WORK_TANGENT: bad = sbi_chunk_tangent_any(job, begin, end); break;
     case SBI_WORK_ENERGY: bad = sbi_chunk_energy_any(job, begin, end, &assembly->chunk_energy[chunk]); break;
-    case SBI_WORK_PRODUCT: sbi_batch_multiply(assembly, job->u, job->force, begin, end); break;
+    case SBI_WORK_PRODUCT: sbi_batch_multiply(assembly, job->u, job->held, job->force, begin, end); break;
     case SBI_WORK_ALONG: assembly->chunk_energy[chunk] = sbi_batch_work(assembly, job->u, begin, end); break;
     }
     assembly->chunk_bad_cell[chunk] = bad;
@@ -835,10 +836,16 @@ SBI_API int sbi_assembly_weighted_tangent(sbi_assembly *assembly, const sb_vec3 
 
 SBI_API int sbi_assembly_multiply(sbi_assembly *assembly, const sb_vec3 *x, sb_vec3 *y)
 {
+    return sbi_assembly_multiply_held(assembly, x, NULL, y);
+}
+
+SBI_API int sbi_assembly_multiply_held(sbi_assembly *assembly, const sb_vec3 *x, const unsigned char *held, sb_vec3 *y)
+{
     sbi_assembly_job job = sbi_assembly_make_job(assembly, SBI_WORK_PRODUCT, x);
     if (!assembly->batched)
         return 0;
     job.force = y;
+    job.held = held;
     memset(y, 0, (size_t)assembly->domain->node_count * sizeof *y);
     sbi_assembly_run(&job);
     if (assembly->rows)

@@ -96,6 +96,9 @@ typedef struct sbi_assembly {
     sb_real *ratios;                /* [cell_count] lambda / mu */
     int *pair_start;                /* [block_count + 1] into pairs; only blocks above the diagonal have any */
     int *pairs;                     /* [cell_count][n (n - 1) / 2] cells and two of their nodes */
+    sb_real *node_stiffness;        /* of clouds: [node_count] (N/m) mean of each node's three diagonal entries of K,
+                                     * which no rotation changes */
+    sb_real *node_diagonal;         /* of clouds: [node_count] for what a step has there */
     struct sbi_assembly_live *live; /* of a mesh that changes, see assembly_live.h; otherwise NULL */
 } sbi_assembly;
 
@@ -160,6 +163,8 @@ SBI_API int sbi_assembly_weighted_tangent(sbi_assembly *assembly, const sb_vec3 
  * [node_count]. Returns 0, and leaves y, for cells or materials that have to be assembled: see sbi_assembly.batched.
  * For one product this is the faster way; for many with the same K it depends (see sb_body_multiply_tangent). */
 SBI_API int sbi_assembly_multiply(sbi_assembly *assembly, const sb_vec3 *x, sb_vec3 *y);
+/* The same for those rows only that `held` [node_count] marks (others are a part of the sum); NULL: all. */
+SBI_API int sbi_assembly_multiply_held(sbi_assembly *assembly, const sb_vec3 *x, const unsigned char *held, sb_vec3 *y);
 /* force = that of u, as sbi_assembly_force, and K x, of batched tet4 without rows and glue; x NULL: that of u alone.
  * turned 1: the rotations are those of u already, and stay. */
 SBI_API void sbi_assembly_force_along(sbi_assembly *assembly, const sb_vec3 *u, const sb_vec3 *x, int turned,

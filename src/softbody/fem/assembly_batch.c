@@ -52,6 +52,10 @@ SBI_API void sbi_batch_layout(sbi_assembly *assembly, const sb_domain *domain, i
     }
     assembly->rotated = (sb_real *)sbi_arena_take(arena, cells + 1, sbi_batch_rotated_size(domain) * sizeof(sb_real));
     assembly->ratios = (sb_real *)sbi_arena_take(arena, cells, sizeof(sb_real));
+    if (sbi_domain_is_cloud(domain)) {
+        assembly->node_stiffness = (sb_real *)sbi_arena_take(arena, (size_t)domain->node_count, sizeof(sb_real));
+        assembly->node_diagonal = (sb_real *)sbi_arena_take(arena, (size_t)domain->node_count, sizeof(sb_real));
+    }
     if (domain->cell_capacity)
         return; /* pairs are in rings */
     assembly->pair_start = (int *)sbi_arena_take(arena, (size_t)block_count + 1, sizeof(int));
@@ -131,6 +135,23 @@ static void sbi_batch_set_moduli(sbi_assembly *assembly, int e, int batch, int p
     out[2 * SB_POLAR_LANES] = sb_sqrt(w * material->mu);
 }
 
+/* node_stiffness: of a point w (lambda + 4 mu) / 3 g.g, the mean of the diagonal of w ((lambda + mu) h h^T + mu h.h I)
+ * with h = R g. */
+static void sbi_batch_sum_diagonal(sbi_assembly *assembly)
+{
+    const sb_domain *domain = assembly->domain;
+    size_t n = (size_t)domain->nodes_per_cell;
+    memset(assembly->node_stiffness, 0, (size_t)domain->node_count * sizeof(sb_real));
+    for (size_t e = 0; e < (size_t)domain->cell_count; e++) {
+        const sb_material *material = assembly->materials + assembly->cell_material[e];
+        sb_real w = domain->weights[e] * sbi_assembly_stiffness(assembly, (int)e);
+        sb_real modulus = w * (material->lambda + 4 * material->mu) / 3;
+        const sb_real *g = domain->gradients + 3 * n * e;
+        for (size_t a = 0; a < n; a++, g += 3)
+            assembly->node_stiffness[domain->cells[n * e + a]] += modulus * (g[0] * g[0] + g[1] * g[1] + g[2] * g[2]);
+    }
+}
+
 static sb_real sbi_batch_ratio(const sb_material *material) { return material->lambda / material->mu; }
 
 SBI_API void sbi_batch_set_materials(sbi_assembly *assembly)
@@ -141,6 +162,8 @@ SBI_API void sbi_batch_set_materials(sbi_assembly *assembly)
         for (int p = 0; p < domain->points_per_cell; p++)
             for (int l = 0; l < SB_POLAR_LANES; l++)
                 sbi_batch_set_moduli(assembly, sbi_batch_cell(domain, batch, l), batch, p, l);
+    if (assembly->node_stiffness)
+        sbi_batch_sum_diagonal(assembly);
     assembly->mixed = 0;
     for (int e = 0; e < domain->cell_count; e++) {
         assembly->ratios[e] = sbi_batch_ratio(assembly->materials + assembly->cell_material[e]);
@@ -734,10 +757,25 @@ SBI_FORCE_INLINE void sbi_batch_multiply_clouds_lanes(int batch, const sbi_assem
 SBI_WIDEN(sbi_batch_multiply_clouds, assembly->wide,
           (int batch, const sbi_assembly *assembly, const sb_vec3 *x, sb_vec3 *y), (batch, assembly, x, y))
 
-SBI_API void sbi_batch_multiply(const sbi_assembly *assembly, const sb_vec3 *x, sb_vec3 *y, int begin, int end)
+/* 1: cells of a batch have nodes that are marked. */
+static int sbi_batch_has_marked(const sb_domain *domain, int batch, const unsigned char *marks)
+{
+    size_t n = (size_t)domain->nodes_per_cell, first = (size_t)batch * SB_POLAR_LANES;
+    const int *node = domain->cells + first * n;
+    const int *end = node + (size_t)sbi_min_int(SB_POLAR_LANES, domain->cell_count - (int)first) * n;
+    for (; node < end; node++)
+        if (marks[*node])
+            return 1;
+    return 0;
+}
+
+SBI_API void sbi_batch_multiply(const sbi_assembly *assembly, const sb_vec3 *x, const unsigned char *held, sb_vec3 *y,
+                                int begin, int end)
 {
     for (int batch = begin / SB_POLAR_LANES; batch * SB_POLAR_LANES < end; batch++)
-        if (sbi_batch_is_cloud(assembly))
+        if (held && !sbi_batch_has_marked(assembly->domain, batch, held))
+            continue;
+        else if (sbi_batch_is_cloud(assembly))
             sbi_batch_multiply_clouds(batch, assembly, x, y);
         else
             sbi_batch_multiply_tets(batch, assembly, x, y);

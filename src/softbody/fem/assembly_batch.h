@@ -46,8 +46,10 @@ SBI_API void sbi_batch_copy_rotations(sbi_assembly *assembly, int restore);
 /* force += internal force of the cells begin <= e < end, begin a multiple of SB_POLAR_LANES; updates their
  * rotations. */
 SBI_API void sbi_batch_force(sbi_assembly *assembly, const sb_vec3 *u, sb_vec3 *force, int begin, int end);
-/* y += R C R^T x of these cells, with the rotations as they are. */
-SBI_API void sbi_batch_multiply(const sbi_assembly *assembly, const sb_vec3 *x, sb_vec3 *y, int begin, int end);
+/* y += R C R^T x of these cells, with the rotations as they are. held not NULL: of those that are with cells of nodes
+ * that it marks. */
+SBI_API void sbi_batch_multiply(const sbi_assembly *assembly, const sb_vec3 *x, const unsigned char *held, sb_vec3 *y,
+                                int begin, int end);
 /* force += both, of these cells, which are tet4: that of u and R C R^T x, at the rotations of u. x NULL: that of u.
  * turned 1: the rotations are there already, and stay. */
 SBI_API void sbi_batch_force_along(sbi_assembly *assembly, const sb_vec3 *u, const sb_vec3 *x, int turned,

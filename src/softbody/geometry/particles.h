@@ -28,8 +28,9 @@
  * Shape functions are not 1 at their own particle: supports and loads act on points of space through rows of weights
  * (sb_particles_map_points, _map_surface); a particle that is held makes the body stiffer by about one spacing.
  *
- * Cost. A step costs about what its points times the square of the neighbours cost: with 10 neighbours a row of the
- * tangent has some 30 to 50 blocks, with 20 some 80 to 100, at three to six times the time. */
+ * Cost. A row of the tangent has some 30 to 50 blocks with 10 neighbours, with 20 some 80 to 100: what makes or reads
+ * it costs about what its points times the square of the neighbours cost. Linearised steps of corotated bodies do
+ * without it where they are short (see sb_body_def.preconditioner): those cost what points times neighbours do. */
 
 typedef enum sb_particle_method {
     SB_PARTICLES_SPH = 1, /* points are particles, gradients v_j grad W_j (eq. 3.17) */

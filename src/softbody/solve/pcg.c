@@ -99,16 +99,17 @@ typedef struct sbi_pcg_state {
     sbi_multigrid *compact; /* what multiplies in place of the matrix, or NULL */
     int current;            /* 1: it is known to be of this matrix */
     int part_count;
-    sbi_pcg_part *parts;        /* [part_count + 1] */
-    const int *part_rows;       /* rows by part; NULL: one part of all rows */
-    int whole[2];               /* where that one starts and ends */
-    const int *part_start;      /* [part_count + 1] */
-    double *partial;            /* [chunks][2] */
-    sbi_guest_space *guests;    /* NULL: none */
-    const sbi_pcg_extra *extra; /* NULL: nothing */
-    int has_plain;              /* 1: parts are plain */
-    double extra_sum;           /* p.Cp */
-    double softest;             /* largest of the parts' and rounds' */
+    sbi_pcg_part *parts;                 /* [part_count + 1] */
+    const int *part_rows;                /* rows by part; NULL: one part of all rows */
+    int whole[2];                        /* where that one starts and ends */
+    const int *part_start;               /* [part_count + 1] */
+    double *partial;                     /* [chunks][2] */
+    sbi_guest_space *guests;             /* NULL: none */
+    const sbi_pcg_extra *extra;          /* NULL: nothing */
+    const sbi_pcg_operator *unassembled; /* multiplies in place of the matrix, all rows at once; or NULL */
+    int has_plain;                       /* 1: parts are plain */
+    double extra_sum;                    /* p.Cp */
+    double softest;                      /* largest of the parts' and rounds' */
     const sb_jobs *jobs;
 } sbi_pcg_state;
 
@@ -189,12 +190,13 @@ static void sbi_pcg_square_task(void *user, int chunk)
     }
 }
 
-/* to = A v for the rows of a chunk; v is spread where there is a compact matrix. */
+/* to = A v for the rows of a chunk; v is spread where there is a compact matrix. `unassembled` has been there before.
+ */
 static void sbi_pcg_multiply(const sbi_pcg_state *s, const sb_real *v, sb_real *to, int first, int last)
 {
     if (s->compact)
         sbi_multigrid_multiply(s->compact, to, first, last);
-    else
+    else if (!s->unassembled)
         sbi_matrix_multiply_rows(s->matrix, v, to, first, last);
 }
 
@@ -302,7 +304,7 @@ static void sbi_pcg_plain_task(void *user, int chunk)
     while (slice.part->plain && !slice.part->done && sbi_pcg_next_run(&slice, &first, &last))
         for (int i = first; i < last; i++)
             for (int axis = 0; axis < 3; axis++) {
-                sb_real diagonal = s->matrix->blocks[s->matrix->diagonal[i]][4 * axis];
+                sb_real diagonal = s->unassembled ? 1 : s->matrix->blocks[s->matrix->diagonal[i]][4 * axis];
                 s->z[3 * (size_t)i + (size_t)axis] = s->r[3 * (size_t)i + (size_t)axis] / (diagonal > 0 ? diagonal : 1);
             }
 }
@@ -480,6 +482,8 @@ static void sbi_pcg_wake_guests(const sbi_pcg_state *s)
 /* q = (A + C) p */
 static void sbi_pcg_run_product(sbi_pcg_state *s)
 {
+    if (s->unassembled)
+        s->unassembled->multiply(s->unassembled->user, s->p, s->q);
     sbi_pcg_run(s, sbi_pcg_product_task);
     s->extra_sum = s->extra && !s->parts[0].done ? s->extra->multiply(s->extra->user, s->p, s->q) : 0;
 }
@@ -647,10 +651,21 @@ static int sbi_pcg_mark_done(sbi_pcg_state *s)
     return all;
 }
 
+/* z = r over the diagonal that `unassembled` has. */
+static void sbi_pcg_scale(const sbi_pcg_state *s)
+{
+    const sb_real *diagonal = s->unassembled->diagonal;
+    for (int i = 0; i < s->matrix->row_count; i++)
+        for (int k = 3 * i; k < 3 * i + 3; k++)
+            s->z[k] = s->r[k] / diagonal[i];
+}
+
 /* z = M^-1 r */
 static void sbi_pcg_precondition(sbi_pcg_state *s, sb_preconditioner *preconditioner)
 {
-    if (s->guests)
+    if (s->unassembled && s->unassembled->diagonal)
+        sbi_pcg_scale(s);
+    else if (s->guests)
         sbi_guest_precondition(s->guests, preconditioner, s->r, s->z, sqrt(sbi_pcg_whole_square(s)));
     else if (preconditioner)
         sbi_precond_apply(preconditioner, s->r, s->z, sqrt(sbi_pcg_whole_square(s)));
@@ -720,6 +735,8 @@ static void sbi_pcg_true_residual(sbi_pcg_state *s)
 {
     sbi_multigrid *compact = s->compact;
     s->compact = NULL;
+    if (s->unassembled && !s->product)
+        s->unassembled->multiply(s->unassembled->user, s->x, s->r);
     if (s->guests)
         sbi_pcg_guest_residual(s);
     else
@@ -1073,6 +1090,7 @@ static sbi_pcg_state sbi_pcg_make_state(const sb_matrix *matrix, sb_precondition
     state.parts = (sbi_pcg_part *)workspace->parts;
     state.jobs = options->jobs;
     state.extra = workspace->extra;
+    state.unassembled = workspace->unassembled;
     state.compact = preconditioner && !state.extra ? sbi_precond_compact(preconditioner) : NULL;
     memcpy(workspace->start, x, 3 * (size_t)matrix->row_count * sizeof(sb_real));
     return state;
@@ -1256,6 +1274,7 @@ static sb_result sbi_pcg_run_solve(const sb_matrix *matrix, sb_preconditioner *p
     options = options ? options : &defaults;
     if (!sbi_pcg_valid(matrix, preconditioner, rhs, x, options, workspace))
         return SB_ERROR_ARGUMENT;
+    preconditioner = workspace->unassembled ? NULL : preconditioner;
     memset(&report, 0, sizeof report);
     report.residual_is_true = 1;
     state = sbi_pcg_make_state(matrix, preconditioner, rhs, x, options, workspace);

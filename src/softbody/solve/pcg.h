@@ -29,8 +29,9 @@ typedef struct sb_pcg_workspace {
     void *memory;
     void *guests; /* internal: what is kept of those that are solved together with the matrix; NULL: there were none */
     size_t guest_bytes;
-    const struct sbi_pcg_extra *extra; /* internal: what is added to the matrix; NULL: nothing */
-    struct sbi_pcg_record *record;     /* internal: what is known of the last solve */
+    const struct sbi_pcg_extra *extra;          /* internal: what is added to the matrix; NULL: nothing */
+    const struct sbi_pcg_operator *unassembled; /* internal: what stands for matrix and preconditioner; NULL: they do */
+    struct sbi_pcg_record *record;              /* internal: what is known of the last solve */
     sb_allocator allocator;
 } sb_pcg_workspace;
 
@@ -87,6 +88,15 @@ typedef struct sbi_pcg_extra {
      */
     double (*multiply)(void *user, const sb_real *x, sb_real *y);
 } sbi_pcg_extra;
+
+/* A of A x = rhs where the matrix has no values: it tells pattern, parts and what is prescribed (matrix->fixed). While
+ * a workspace has one the preconditioner is not looked at. Not with guests. */
+typedef struct sbi_pcg_operator {
+    void *user;
+    void (*multiply)(void *user, const sb_real *x,
+                     sb_real *y); /* y = A x, both [row_count][3]. On the calling thread */
+    const sb_real *diagonal;      /* [row_count] > 0: z = r over it; NULL: z = r */
+} sbi_pcg_operator;
 
 /* Momentum is kept to the tolerance of forces from outside, or of this share of those within that were out of balance
  * where motion went on as it was: of a touch that is next to nothing it would be kept to rounding. */
