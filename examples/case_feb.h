@@ -3,9 +3,11 @@
  *     pieces of XML --feb_take...--> the model that case_inp.h has in memory --feb_build--> case_file
  *
  * Taken are: Module solid; Control STATIC, and DYNAMIC by Newmark's scheme; the materials of foreign_feb_laws; Nodes,
- * Elements (tet4, tet10, hex8, hex20), NodeSet, ElementSet, Surface; SolidDomain; NodeData; zero and prescribed
- * displacements, linear constraints; nodal forces, pressures, body forces; load curves that are a ramp or constant; one
- * Step. What else would change the model is refused, by name and line; what is wrong is listed to the end of the file.
+ * Elements (tet4, tet10, hex8, hex20, hex27), NodeSet, ElementSet, Surface; SolidDomain; NodeData; zero and prescribed
+ * displacements, linear constraints; nodal forces, pressures, tractions, body forces; load curves that are a ramp or
+ * constant; a Step, or several static ones, of which the state at the end is solved for: with what stands outside of
+ * them and in the last, at the values that courses have there. What else would change the model is refused, by name and
+ * line; what is wrong is listed to the end of the file.
  * Files have no units: they are SI's. */
 #ifndef CASE_FEB_H
 #define CASE_FEB_H
@@ -48,6 +50,17 @@ typedef struct feb_pressure {
     feb_value value;
 } feb_pressure;
 
+/* A dead stress on undeformed area: scale times traction, each of which may have a course. */
+typedef struct feb_traction {
+    const char *surface;
+    feb_value scale, traction;
+} feb_traction;
+
+/* How much the lists hold that a step adds to. */
+typedef struct feb_mark {
+    int entries, terms, uses, pressures, tractions, offsets;
+} feb_mark;
+
 /* Elements of a name, and whether a domain gives them a material. */
 typedef struct feb_part {
     const char *name;
@@ -64,11 +77,14 @@ typedef struct feb_offset {
 typedef struct feb_reader {
     inp_reader model;
     xml_reader xml;
-    inp_list facets, data, uses, pressures, parts, offsets;
+    inp_list facets, data, uses, pressures, tractions, parts, offsets;
     inp_place smooth;           /* of a course that is not LINEAR; path NULL: there is none */
     int is_uncoupled, is_mixed; /* a law that FEBio takes mixed elements for; the domain says so, or says nothing */
     int has_control, steps, step_count;
-    int is_dynamic;
+    int is_dynamic, was_dynamic;              /* the last step; one before */
+    feb_mark mark;                            /* where the present step began, */
+    int steps_before;                         /* and what those before it took: */
+    double time_before;                       /* s */
     double step_size, rtol, rhoi, newmark[3]; /* alpha, beta, gamma */
     inp_place control_place;
 } feb_reader;
@@ -285,16 +301,17 @@ static inline void feb_take_control(feb_reader *f)
 
 /* The constants of a material of FEBio. */
 typedef struct feb_constants {
-    double e, v, c1, c2, g, k, density;
+    double e, v, g, k, density;
+    double c[FOREIGN_FEB_YEOH];
     int is_other_pressure;
 } feb_constants;
 
 static inline double *feb_constant(feb_constants *m, const char *name)
 {
+    if (*name == 'c' && name[1] >= '1' && name[1] <= '6' && !name[2])
+        return m->c + (name[1] - '1');
     return strcmp(name, "E") == 0         ? &m->e
            : strcmp(name, "v") == 0       ? &m->v
-           : strcmp(name, "c1") == 0      ? &m->c1
-           : strcmp(name, "c2") == 0      ? &m->c2
            : strcmp(name, "G") == 0       ? &m->g
            : strcmp(name, "k") == 0       ? &m->k
            : strcmp(name, "density") == 0 ? &m->density
@@ -324,15 +341,25 @@ static inline void feb_take_constants(feb_reader *f, feb_constants *m)
 }
 
 /* An uncoupled law: as one of *HYPERELASTIC. */
-static inline void feb_set_uncoupled(feb_reader *f, inp_material *m, const feb_constants *read, int is_neo)
+static inline void feb_set_uncoupled(feb_reader *f, inp_material *m, const feb_constants *read, const char *type)
 {
-    double c1 = is_neo ? read->g / 2 : read->c1;
+    int is_neo = *type == 'i', is_yeoh = *type == 'Y';
+    double c1 = is_neo ? read->g / 2 : read->c[0];
     f->is_uncoupled = 1;
-    m->law = foreign_find_law(read->c2 == 0 || is_neo ? "NEOHOOKE" : "MOONEY-RIVLIN", 0);
+    m->law = is_yeoh                     ? foreign_find_law("REDUCEDPOLYNOMIAL", read->c[2] != 0 ? 3 : 2)
+             : is_neo || read->c[1] == 0 ? foreign_find_law("NEOHOOKE", 0)
+                                         : foreign_find_law("MOONEY-RIVLIN", 0);
+    for (int k = 0; k < m->law->constants; k++)
+        m->constants[k] = read->c[k];
     m->constants[0] = c1;
-    m->constants[1] = read->c2;
     m->constants[m->law->constants] = read->k > 0 ? foreign_other_modulus(read->k) : 0;
-    m->wanted = m->constant_count = m->law->constants + 1;
+    for (int k = 1; k < foreign_volume_terms(m->law); k++)
+        m->constants[m->law->constants + k] = 0;
+    m->wanted = m->constant_count = m->law->constants + foreign_volume_terms(m->law);
+    for (int k = is_neo ? 0 : is_yeoh ? 3 : 2; k < (int)FOREIGN_FEB_YEOH; k++)
+        if (read->c[k] != 0)
+            inp_complain(&f->model, m->place, "material %.60s has a c%d: a %.60s is read without", m->name, k + 1,
+                         type);
     if (!(read->k > 0) || !(c1 > 0))
         inp_complain(&f->model, m->place, "material %.60s needs %s > 0 and k > 0", m->name, is_neo ? "G" : "c1");
     if (read->is_other_pressure)
@@ -366,8 +393,8 @@ static inline void feb_take_material(feb_reader *f)
     } else if (!(read.density > 0)) {
         inp_complain(&f->model, place, "the density must be > 0");
     }
-    if (strcmp(type, "Mooney-Rivlin") == 0 || strcmp(type, "incomp neo-Hookean") == 0) {
-        feb_set_uncoupled(f, m, &read, *type == 'i');
+    if (strcmp(type, "Mooney-Rivlin") == 0 || strcmp(type, "incomp neo-Hookean") == 0 || strcmp(type, "Yeoh") == 0) {
+        feb_set_uncoupled(f, m, &read, type);
     } else if (strcmp(type, "isotropic elastic") == 0 || strcmp(type, "neo-Hookean") == 0) {
         m->model = *type == 'i' ? "svk" : "neo_hookean";
         m->constants[0] = read.e;
@@ -375,8 +402,8 @@ static inline void feb_take_material(feb_reader *f)
         m->wanted = m->constant_count = 2;
     } else if (*type) {
         inp_complain(&f->model, place,
-                     "material type %.60s is not read, only isotropic elastic, neo-Hookean, Mooney-Rivlin and incomp "
-                     "neo-Hookean",
+                     "material type %.60s is not read, only isotropic elastic, neo-Hookean, Mooney-Rivlin, incomp "
+                     "neo-Hookean and Yeoh",
                      type);
     }
 }
@@ -433,7 +460,8 @@ static inline int feb_take_labels(feb_reader *f, int *labels, int most)
 
 static inline void feb_take_element(feb_reader *f)
 {
-    int labels[SB_MAX_ELEMENT_NODES], label = 1, width = sb_element_node_count(f->model.element->type), count;
+    int labels[SB_MAX_ELEMENT_NODES], own[SB_MAX_ELEMENT_NODES],
+        label = 1, width = sb_element_node_count(f->model.element->type), count;
     int ok = feb_id(f, "id", &label);
     inp_place place = feb_place(f);
     inp_element *element;
@@ -446,7 +474,9 @@ static inline void feb_take_element(feb_reader *f)
     element->place = place;
     inp_add_to_set(&f->model, label);
     for (int a = 0; a < width; a++)
-        inp_add_int(&f->model, &f->model.element_nodes, labels[a]);
+        own[foreign_feb_place(f->model.element->type, a)] = labels[a];
+    for (int a = 0; a < width; a++)
+        inp_add_int(&f->model, &f->model.element_nodes, own[a]);
 }
 
 /* Whether the elements are of the body's one type. */
@@ -457,7 +487,7 @@ static inline int feb_take_type(feb_reader *f, const char *type)
         if (strcmp(foreign_elements[i].feb, type) == 0)
             element = foreign_elements + i;
     if (!element && *type)
-        feb_complain(f, "elements %.40s are not read, only tet4, tet10, hex8 and hex20", type);
+        feb_complain(f, "elements %.40s are not read, only tet4, tet10, hex8, hex20 and hex27", type);
     else if (element && f->model.element && element != f->model.element)
         feb_complain(f, "elements %s beside %s in line %d: a body has one type", type, f->model.element->feb,
                      f->model.element_place.line);
@@ -899,18 +929,12 @@ static inline void feb_take_nodal_load(feb_reader *f)
     }
 }
 
-static inline void feb_take_surface_load(feb_reader *f)
+static inline void feb_take_pressure(feb_reader *f, const char *surface)
 {
-    const char *type = feb_need(f, "type"), *surface = feb_need(f, "surface");
     feb_pressure *p;
     feb_value v;
     memset(&v, 0, sizeof v);
     v.place = feb_place(f);
-    if (strcmp(type, "pressure") != 0) {
-        feb_complain(f, "surface_load %.40s is not read, only pressure: tractions are forces of nodes", type);
-        feb_skip(f);
-        return;
-    }
     while (feb_child(f)) {
         const char *name = f->xml.name;
         if (strcmp(name, "pressure") == 0)
@@ -927,6 +951,45 @@ static inline void feb_take_surface_load(feb_reader *f)
         return;
     p->surface = surface;
     p->value = v;
+}
+
+static inline void feb_take_traction(feb_reader *f, const char *surface)
+{
+    inp_place place = feb_place(f);
+    feb_traction read, *t;
+    memset(&read, 0, sizeof read);
+    read.surface = surface;
+    read.scale.numbers[0] = 1;
+    read.scale.place = read.traction.place = place;
+    while (feb_child(f)) {
+        const char *name = f->xml.name;
+        if (strcmp(name, "scale") == 0)
+            feb_take_value(f, &read.scale, 1);
+        else if (strcmp(name, "traction") == 0)
+            feb_take_value(f, &read.traction, 3);
+        else if ((strcmp(name, "linear") != 0 && strcmp(name, "shell_bottom") != 0) ||
+                 (feb_flag(f) && strcmp(name, "linear") != 0)) /* tractions are of undeformed area anyway */
+            feb_complain(f, "<%.60s> is not understood in <surface_load>", name);
+    }
+    if (!read.traction.is_given || read.traction.map || read.scale.map)
+        inp_complain(&f->model, place,
+                     "a traction needs <traction> with three numbers, and at most a <scale> with one");
+    t = (feb_traction *)inp_add(&f->model, &f->tractions, sizeof *t);
+    if (t)
+        *t = read;
+}
+
+static inline void feb_take_surface_load(feb_reader *f)
+{
+    const char *type = feb_need(f, "type"), *surface = feb_need(f, "surface");
+    if (strcmp(type, "pressure") == 0) {
+        feb_take_pressure(f, surface);
+    } else if (strcmp(type, "traction") == 0) {
+        feb_take_traction(f, surface);
+    } else {
+        feb_complain(f, "surface_load %.40s is not read, only pressure and traction", type);
+        feb_skip(f);
+    }
 }
 
 /* FEBio takes density times the force from the residual: gravity has the other sign. */
@@ -1071,16 +1134,50 @@ static inline void feb_take_output(feb_reader *f)
 
 static inline void feb_take_section(feb_reader *f, int in_step);
 
-/* One step, whose sections are as those outside. */
+/* A further step: what the one before had is gone, and its time has passed. */
+static inline void feb_begin_step(feb_reader *f)
+{
+    inp_reader *r = &f->model;
+    if (f->step_count++ > 0) {
+        r->entries.count = f->mark.entries;
+        r->terms.count = f->mark.terms;
+        f->uses.count = f->mark.uses;
+        f->pressures.count = f->mark.pressures;
+        f->tractions.count = f->mark.tractions;
+        f->offsets.count = f->mark.offsets;
+        f->steps_before += f->steps;
+        f->time_before += f->steps * f->step_size;
+        f->was_dynamic |= f->is_dynamic;
+        if (!f->has_control)
+            feb_complain(f, "the step before has no Control");
+        if (f->steps_before > 100000000) {
+            feb_complain(f, "more than 1e8 time_steps");
+            f->steps_before = 0;
+        }
+        f->has_control = f->is_dynamic = 0;
+        f->steps = 1;
+        f->step_size = 1;
+    }
+    f->mark.entries = r->entries.count;
+    f->mark.terms = r->terms.count;
+    f->mark.uses = f->uses.count;
+    f->mark.pressures = f->pressures.count;
+    f->mark.tractions = f->tractions.count;
+    f->mark.offsets = f->offsets.count;
+}
+
+/* Steps, whose sections are as those outside. */
 static inline void feb_take_step(feb_reader *f)
 {
+    int before = f->step_count;
+    if (before > 0)
+        feb_complain(f, "a second Step: all steps stand in one");
     while (feb_child(f)) {
         if (strcmp(f->xml.name, "step") != 0) {
             feb_refuse(f, "Step");
             continue;
         }
-        if (f->step_count++ > 0)
-            feb_complain(f, "a second step: only one is read");
+        feb_begin_step(f);
         while (feb_child(f))
             feb_take_section(f, 1);
     }
@@ -1220,46 +1317,62 @@ static inline void feb_set_offsets(feb_reader *f)
     }
 }
 
-/* A pressure on one facet: FEBio's pushes against the side that sees its nodes counter-clockwise. */
-static inline void feb_press_facet(feb_reader *f, const feb_facet *facet, double value)
+/* The face of an element that a facet is; 0 and a complaint: it is none. */
+static inline int feb_find_face(feb_reader *f, const feb_facet *facet, int *nodes, int *element, int *face)
 {
-    case_file *c = f->model.c;
-    int nodes[SB_MAX_FACE_NODES], element, face;
-    inp_pressure *p;
     for (int k = 0; k < facet->count; k++) {
         nodes[k] = inp_find(&f->model.node_map, facet->nodes[k]);
         if (nodes[k] < 0) {
             inp_complain(&f->model, facet->place, "node %d is not there", facet->nodes[k]);
-            return;
+            return 0;
         }
     }
-    if (facet->count == 0 || !case_find_face(c, nodes, facet->count, &element, &face)) {
-        inp_complain(&f->model, facet->place, "these %d nodes are no face of an element", facet->count);
+    if (facet->count > 0 && case_find_face(f->model.c, nodes, facet->count, element, face))
+        return 1;
+    inp_complain(&f->model, facet->place, "these %d nodes are no face of an element", facet->count);
+    return 0;
+}
+
+/* A pressure on one facet: FEBio's pushes against the side that sees its nodes counter-clockwise. */
+static inline void feb_press_facet(feb_reader *f, const feb_facet *facet, double value)
+{
+    int nodes[SB_MAX_FACE_NODES], element, face;
+    inp_pressure *p;
+    if (!feb_find_face(f, facet, nodes, &element, &face))
         return;
-    }
     p = (inp_pressure *)inp_add(&f->model, &f->model.pressures, sizeof *p);
     if (!p)
         return;
     p->element = element;
     p->face = face;
     p->step = 1;
-    p->value = value * feb_turn(c, nodes, element, face);
+    p->value = value * feb_turn(f->model.c, nodes, element, face);
+}
+
+/* Loads of faces: both kinds need the elements of nodes. */
+static inline void feb_find_elements(feb_reader *f)
+{
+    sb_error error;
+    if (f->pressures.count + f->tractions.count > 0 &&
+        sb_mesh_node_elements(&f->model.c->mesh, NULL, &f->model.c->node_elements, &error) != SB_OK)
+        f->model.no_memory = 1;
+}
+
+/* What a load has at the end; in dynamic analyses that is at once. */
+static inline double feb_load_at_end(feb_reader *f, const feb_value *v)
+{
+    double rise, value = feb_value_at_end(f, v, &rise);
+    if (rise > 0)
+        inp_complain(&f->model, v->place, "a load of a dynamic step is sudden: a ramp is for supports only");
+    return value;
 }
 
 static inline void feb_press(feb_reader *f)
 {
-    case_file *c = f->model.c;
-    sb_error error;
-    if (f->pressures.count > 0 && sb_mesh_node_elements(&c->mesh, NULL, &c->node_elements, &error) != SB_OK) {
-        f->model.no_memory = 1;
-        return;
-    }
     for (int i = 0; i < f->pressures.count && !f->model.no_memory; i++) {
         const feb_pressure *p = (const feb_pressure *)f->pressures.items + i;
-        double rise, value = feb_value_at_end(f, &p->value, &rise);
+        double value = feb_load_at_end(f, &p->value);
         int found = 0;
-        if (rise > 0)
-            inp_complain(&f->model, p->value.place, "a load of a dynamic step is sudden: a ramp is for supports only");
         for (int k = 0; k < f->facets.count; k++)
             if (strcmp(((const feb_facet *)f->facets.items)[k].surface, p->surface) == 0) {
                 feb_press_facet(f, (const feb_facet *)f->facets.items + k, value);
@@ -1270,15 +1383,44 @@ static inline void feb_press(feb_reader *f)
     }
 }
 
+/* A statement for each traction, in place of the list of faces that a case has. */
+static inline void feb_add_traction(feb_reader *f, const feb_traction *t)
+{
+    inp_reader *r = &f->model;
+    feb_value share = t->traction;
+    double scale = feb_load_at_end(f, &t->scale), course;
+    case_statement *s;
+    int found = 0;
+    share.numbers[0] = 1;
+    course = scale * feb_load_at_end(f, &share);
+    s = inp_statement(r, CASE_TRACTION, NULL, CASE_BIT(CASE_FACES) | CASE_BIT(CASE_VALUE), t->traction.place);
+    if (!s)
+        return;
+    s->vector = sb_v3((sb_real)(course * t->traction.numbers[0]), (sb_real)(course * t->traction.numbers[1]),
+                      (sb_real)(course * t->traction.numbers[2]));
+    for (int k = 0; k < f->facets.count && !r->no_memory; k++) {
+        const feb_facet *facet = (const feb_facet *)f->facets.items + k;
+        int nodes[SB_MAX_FACE_NODES], element, face;
+        if (strcmp(facet->surface, t->surface) != 0)
+            continue;
+        found = 1;
+        if (feb_find_face(f, facet, nodes, &element, &face))
+            r->no_memory |= !case_add_face(r->c, s, element, face);
+    }
+    if (!found)
+        inp_complain(r, t->traction.place, "there is no surface %.60s", t->surface);
+}
+
 /* The step of the model: its times, and the tolerance, whose square FEBio has. */
 static inline void feb_set_step(feb_reader *f)
 {
     inp_reader *r = &f->model;
     const char *name = f->is_dynamic ? "DYNAMIC" : "STATIC";
     inp_step *step = (inp_step *)inp_add(r, &r->steps, sizeof *step);
-    double time = f->steps * f->step_size;
+    double time = f->time_before + f->steps * f->step_size;
     if (!step)
         return;
+    r->ends_only = f->step_count > 1;
     for (int i = 0; i < INP_KEYWORD_COUNT; i++)
         if (strcmp(inp_keywords[i].name, name) == 0)
             r->procedure = inp_keywords + i;
@@ -1287,7 +1429,7 @@ static inline void feb_set_step(feb_reader *f)
     step->period = f->is_dynamic ? time : time * (1 + 1e-9); /* steps of 0.1 are not quite 1 together */
     r->step = 1;
     r->nonlinear = 1;
-    r->times[0] = f->is_dynamic ? f->step_size : step->period / f->steps;
+    r->times[0] = f->is_dynamic ? f->step_size : step->period / (f->steps_before + f->steps);
     r->times[1] = time;
     r->time_count = 2;
     r->direct = 1;
@@ -1316,7 +1458,15 @@ static inline void feb_check(feb_reader *f)
     for (int i = 0; i < r->terms.count; i++)
         if (inp_terms(r)[i].starts && (i + 1 == r->terms.count || inp_terms(r)[i + 1].starts))
             inp_complain(r, inp_terms(r)[i].place, "a linear constraint without <child_dof>");
-    if (f->is_dynamic && f->smooth.path)
+    if (f->step_count > 1 && (f->is_dynamic || f->was_dynamic))
+        inp_complain(r, f->control_place, "several steps are read when all of them are STATIC");
+    else if (f->step_count > 1)
+        inp_note(r, f->control_place, "the %d static steps are solved as one, to the loads and supports at the end",
+                 f->step_count);
+    if (f->step_count > 1 && f->smooth.path)
+        inp_complain(r, f->smooth,
+                     "a load_controller is read with interpolate LINEAR only where there are several steps");
+    else if (f->is_dynamic && f->smooth.path)
         inp_complain(r, f->smooth, "a load_controller in a dynamic analysis is read with interpolate LINEAR only");
     if (f->is_uncoupled && f->is_mixed && r->element && r->element->type == SB_HEX8)
         inp_note(
@@ -1339,9 +1489,12 @@ static inline void feb_build(feb_reader *f)
         return;
     inp_apply_entries(r);
     feb_set_offsets(f);
+    feb_find_elements(f);
     feb_press(f);
     if (!r->no_memory && r->c->faults.count == 0)
         inp_add_statements(r);
+    for (int i = 0; i < f->tractions.count && !r->no_memory && r->c->faults.count < INP_MAX_FAULTS; i++)
+        feb_add_traction(f, (const feb_traction *)f->tractions.items + i);
 }
 
 /* ---- the reader -------------------------------------------------------------------------------------------- */
@@ -1354,6 +1507,7 @@ static inline void feb_free(feb_reader *f)
     free(f->facets.items);
     free(f->uses.items);
     free(f->pressures.items);
+    free(f->tractions.items);
     free(f->parts.items);
     free(f->offsets.items);
 }

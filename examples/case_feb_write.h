@@ -1,6 +1,7 @@
 /* case_feb_write: writes a case in memory as an input file of FEBio, format 4.0, in SI units. Laws, supports and
- * pressures mean the same there, to the rounding of a bulk modulus; dead loads become nodal forces. feb_read makes the
- * same body of it. What cannot be said is refused, with its line. Include case_foreign.h first. */
+ * pressures mean the same there, to the rounding of a bulk modulus, and so do tractions; forces become nodal ones, and
+ * tractions beside them, too. feb_read makes the same body of it. What cannot be said is refused, with its line.
+ * Include case_foreign.h first. */
 #ifndef CASE_FEB_WRITE_H
 #define CASE_FEB_WRITE_H
 
@@ -13,6 +14,7 @@ typedef struct feb_writer {
     int controllers; /* courses in time so far; a static solve has one, the rise of its loads */
     int in_section;  /* the section of supports, loads and so on has begun: an empty one is left out */
     sb_vec3 *forces; /* [nodes] dead loads (N); NULL: none */
+    int has_forces;  /* 1: the case has some: then tractions are forces of nodes, too, in the order of the case */
 } feb_writer;
 
 /* ---- what can be said -------------------------------------------------------------------------------------- */
@@ -205,8 +207,9 @@ static inline void feb_write_material(feb_writer *w, const case_statement *s, in
         feb_number(w, "", s->number[law->constant[k].key], "");
         fprintf(w->file, "</%s>\n", law->constant[k].name);
     }
-    if (law->is_uncoupled && law->constants == 1)
-        fprintf(w->file, "\t\t\t<c2>0</c2>\n");
+    if (law->is_uncoupled)
+        for (int k = law->constants; k < (*law->feb == 'Y' ? (int)FOREIGN_FEB_YEOH : 2); k++)
+            fprintf(w->file, "\t\t\t<c%d>0</c%d>\n", k + 1, k + 1);
     if (law->is_uncoupled) {
         feb_number(w, "\t\t\t<k>", foreign_other_modulus(s->number[CASE_D1]), "</k>\n");
         fprintf(w->file, "\t\t\t<pressure_model>%s</pressure_model>\n", foreign_feb_pressure);
@@ -239,14 +242,15 @@ static inline void feb_write_elements(feb_writer *w, const case_statement *s)
             continue;
         fprintf(w->file, "\t\t\t<elem id=\"%d\">", e + 1);
         for (int a = 0; a < width; a++)
-            fprintf(w->file, "%s%d", a ? "," : "", mesh->elements[(size_t)e * (size_t)width + (size_t)a] + 1);
+            fprintf(w->file, "%s%d", a ? "," : "",
+                    mesh->elements[(size_t)e * (size_t)width + (size_t)foreign_feb_place(mesh->element_type, a)] + 1);
         fprintf(w->file, "</elem>\n");
     }
     fprintf(w->file, "\t\t</Elements>\n");
 }
 
 /* Faces with all their nodes, counter-clockwise from outside, so that a pressure > 0 pushes inwards. */
-static inline int feb_write_surface(feb_writer *w, const case_statement *s)
+static inline int feb_write_surface(feb_writer *w, const case_statement *s, const char *what)
 {
     const sb_mesh *mesh = &w->c->mesh;
     int corners = case_face_corners(w->c), element, face;
@@ -254,7 +258,7 @@ static inline int feb_write_surface(feb_writer *w, const case_statement *s)
     sb_error error;
     if (!w->c->node_elements.offsets && sb_mesh_node_elements(mesh, NULL, &w->c->node_elements, &error) != SB_OK)
         return case_fail_library(w->c, s->line, &error);
-    fprintf(w->file, "\t\t<Surface name=\"Pressure%d\">\n", feb_index(w, s));
+    fprintf(w->file, "\t\t<Surface name=\"%s%d\">\n", what, feb_index(w, s));
     for (int i = 0; i < s->count; i++) {
         const int *cell;
         int local[SB_MAX_FACE_NODES], count;
@@ -306,7 +310,9 @@ static inline int feb_write_mesh(feb_writer *w)
         if (s->form->kind == CASE_PRESCRIBE)
             feb_write_node_set(w, "Prescribe", i + 1, s->nodes, s->count);
         if (s->form->kind == CASE_PRESSURE)
-            ok = feb_write_surface(w, s);
+            ok = feb_write_surface(w, s, "Pressure");
+        if (s->form->kind == CASE_TRACTION && !w->has_forces)
+            ok = feb_write_surface(w, s, "Traction");
         if (s->form->kind == CASE_OUTPUT && s->form->code == CASE_OUTPUT_PROBE)
             feb_write_node_set(w, "Probe", i + 1, &s->node, 1);
     }
@@ -471,15 +477,27 @@ static inline void feb_write_gravity(feb_writer *w, const case_statement *s, int
     fprintf(w->file, "</force>\n\t\t</body_load>\n");
 }
 
+static inline void feb_write_traction(feb_writer *w, const case_statement *s, int controller)
+{
+    fprintf(w->file, "\t\t<surface_load type=\"traction\" surface=\"Traction%d\">\n\t\t\t<scale", feb_index(w, s));
+    feb_course(w, controller);
+    fprintf(w->file, ">1</scale>\n\t\t\t<traction>");
+    feb_vector(w, s->vector);
+    fprintf(w->file, "</traction>\n\t\t</surface_load>\n");
+}
+
 static inline void feb_write_loads(feb_writer *w)
 {
     int controller = case_is_dynamic(w->c) ? 0 : 1;
     for (int i = 0; i < w->c->statement_count; i++) {
         const case_statement *s = w->c->statements + i;
-        if (s->form->kind == CASE_GRAVITY || s->form->kind == CASE_PRESSURE)
+        int is_traction = s->form->kind == CASE_TRACTION && !w->has_forces;
+        if (s->form->kind == CASE_GRAVITY || s->form->kind == CASE_PRESSURE || is_traction)
             feb_in_section(w, "Loads");
         if (s->form->kind == CASE_GRAVITY)
             feb_write_gravity(w, s, controller);
+        if (is_traction)
+            feb_write_traction(w, s, controller);
         if (s->form->kind != CASE_PRESSURE)
             continue;
         fprintf(w->file, "\t\t<surface_load type=\"pressure\" surface=\"Pressure%d\">\n\t\t\t<pressure", i + 1);
@@ -541,13 +559,12 @@ static inline void feb_write_output(feb_writer *w)
 
 /* ---- the file ---------------------------------------------------------------------------------------------- */
 
-/* Finds the dead loads, if there are any. */
+/* Finds the dead loads, if there are forces among them. */
 static inline int feb_find_forces(feb_writer *w)
 {
-    int any = 0;
     for (int i = 0; i < w->c->statement_count; i++)
-        any |= (CASE_DEAD_LOADS & CASE_KIND(w->c->statements[i].form->kind)) != 0;
-    if (!any)
+        w->has_forces |= w->c->statements[i].form->kind == CASE_FORCE;
+    if (!w->has_forces)
         return 1;
     w->forces = (sb_vec3 *)calloc((size_t)w->c->mesh.node_count, sizeof *w->forces);
     return w->forces ? case_nodal_loads(w->c, CASE_DEAD_LOADS, w->forces) : case_fail_memory(w->c, 0);
@@ -580,7 +597,7 @@ static inline int feb_write_all(feb_writer *w)
  * the same constants. Returns 1, or 0 with error_line and message: then the file is what it was before. */
 static inline int feb_write(case_file *c, const char *path, int as_svk)
 {
-    feb_writer w = {c, NULL, as_svk, 0, 0, NULL};
+    feb_writer w = {c, NULL, as_svk, 0, 0, NULL, 0};
     sb_output out;
     sb_error error;
     int ok = 1;

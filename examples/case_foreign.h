@@ -9,10 +9,10 @@
 
 /* ---- elements ------------------------------------------------------------------------------------------- */
 
-/* Node orders of these are the same here and there. */
+/* Node orders of these are the same here and there, but for hex27: see foreign_feb_place. */
 typedef struct foreign_element {
     sb_element_type type;
-    const char *inp;      /* Abaqus, CalculiX */
+    const char *inp;      /* Abaqus, CalculiX; NULL: they have none */
     const char *feb;      /* FEBio */
     const char *feb_face; /* of its faces there */
 } foreign_element;
@@ -20,7 +20,8 @@ typedef struct foreign_element {
 static const foreign_element foreign_elements[] = {{SB_TET4, "C3D4", "tet4", "tri3"},
                                                    {SB_TET10, "C3D10", "tet10", "tri6"},
                                                    {SB_HEX8, "C3D8", "hex8", "quad4"},
-                                                   {SB_HEX20, "C3D20", "hex20", "quad8"}};
+                                                   {SB_HEX20, "C3D20", "hex20", "quad8"},
+                                                   {SB_HEX27, NULL, "hex27", "quad9"}};
 enum { FOREIGN_ELEMENT_COUNT = (int)(sizeof foreign_elements / sizeof foreign_elements[0]) };
 
 /* Elements of fewer dimensions, which meshers write for named surfaces and lines. */
@@ -34,9 +35,17 @@ enum { FOREIGN_FLAT_COUNT = (int)(sizeof foreign_flat_elements / sizeof foreign_
 static inline const foreign_element *foreign_find_element(const char *inp)
 {
     for (int i = 0; i < FOREIGN_ELEMENT_COUNT; i++)
-        if (strcmp(foreign_elements[i].inp, inp) == 0)
+        if (foreign_elements[i].inp && strcmp(foreign_elements[i].inp, inp) == 0)
             return foreign_elements + i;
     return NULL;
+}
+
+/* Where FEBio's node number `place` of an element is here, both from 0: its hex27 has the middles of the faces y-, x+,
+ * y+, x-, z-, z+ where this library has x-, x+, y-, y+, z-, z+. */
+static inline int foreign_feb_place(sb_element_type type, int place)
+{
+    static const signed char middles[4] = {22, 21, 23, 20};
+    return type == SB_HEX27 && place >= 20 && place < 24 ? middles[place - 20] : place;
 }
 
 static inline const foreign_element *foreign_element_of(sb_element_type type)
@@ -134,15 +143,18 @@ typedef struct foreign_feb_law {
     struct {
         const char *name;
         case_key key;
-    } constant[2];
+    } constant[3];
 } foreign_feb_law;
 
 static const foreign_feb_law foreign_feb_laws[] = {
-    {"isotropic elastic", "svk", 0, 2, {{"E", CASE_E}, {"v", CASE_NU}}},
-    {"neo-Hookean", "neo_hookean", 0, 2, {{"E", CASE_E}, {"v", CASE_NU}}},
-    {"Mooney-Rivlin", "neo_hookean", 1, 1, {{"c1", CASE_C10}, {"", CASE_C10}}},
-    {"Mooney-Rivlin", "mooney_rivlin", 1, 2, {{"c1", CASE_C10}, {"c2", CASE_C01}}},
+    {"isotropic elastic", "svk", 0, 2, {{"E", CASE_E}, {"v", CASE_NU}, {"", CASE_E}}},
+    {"neo-Hookean", "neo_hookean", 0, 2, {{"E", CASE_E}, {"v", CASE_NU}, {"", CASE_E}}},
+    {"Mooney-Rivlin", "neo_hookean", 1, 1, {{"c1", CASE_C10}, {"", CASE_E}, {"", CASE_E}}},
+    {"Mooney-Rivlin", "mooney_rivlin", 1, 2, {{"c1", CASE_C10}, {"c2", CASE_C01}, {"", CASE_E}}},
+    {"Yeoh", "reduced_polynomial", 1, 2, {{"c1", CASE_C10}, {"c2", CASE_C20}, {"", CASE_E}}},
+    {"Yeoh", "reduced_polynomial", 1, 3, {{"c1", CASE_C10}, {"c2", CASE_C20}, {"c3", CASE_C30}}},
 };
+enum { FOREIGN_FEB_YEOH = 6 }; /* constants c1, c2, ... of Yeoh there; here are the first three */
 enum { FOREIGN_FEB_LAW_COUNT = (int)(sizeof foreign_feb_laws / sizeof foreign_feb_laws[0]) };
 
 /* Which of FEBio's terms of volume is k/2 (J - 1)^2, as here; its default is k/2 (ln J)^2. */

@@ -193,6 +193,7 @@ typedef struct inp_reader {
     const struct inp_keyword *procedure; /* of the last step that has one */
     double times[4];                     /* of its data line */
     int time_count, direct;
+    int ends_only; /* 1: of courses only the value at times[1] counts: steps before the last are not solved */
     const char *alpha;
     double tolerance; /* of *CONTROLS; 0: none */
     int wants_reactions, wants_stresses;
@@ -1602,6 +1603,23 @@ static inline int inp_read_ramp(const inp_amplitude *a, double *factor, double *
     return a->points[1] == value || a->points[1] == 0;
 }
 
+/* What a course of straight lines through up to four points has at a time; before the first and after the last it stays
+ * what it is. 0: it is no such course. */
+static inline int inp_read_course(const inp_amplitude *a, double time, double *factor)
+{
+    if (a->count < 2 || a->count > 8 || a->count % 2)
+        return 0;
+    for (int i = 2; i < a->count; i += 2)
+        if (!(a->points[i] > a->points[i - 2]))
+            return 0;
+    *factor = time <= a->points[0] ? a->points[1] : a->points[a->count - 1];
+    for (int i = 2; i < a->count; i += 2)
+        if (time > a->points[i - 2] && time < a->points[i])
+            *factor = a->points[i - 1] + (time - a->points[i - 2]) / (a->points[i] - a->points[i - 2]) *
+                                             (a->points[i + 1] - a->points[i - 1]);
+    return 1;
+}
+
 /* The value of an entry at the end of the rise, and the time (s) of the rise; 0: at once. A static solve rises to the
  * end of its step in any case. */
 static inline double inp_entry_value(inp_reader *r, const inp_entry *e, double *rise)
@@ -1616,7 +1634,10 @@ static inline double inp_entry_value(inp_reader *r, const inp_entry *e, double *
         inp_complain(r, e->place, "there is no amplitude %.80s", e->amplitude);
         return e->value;
     }
-    if (!inp_read_ramp(a, &factor, rise))
+    if (r->ends_only) {
+        if (!inp_read_course(a, r->times[1], &factor))
+            inp_complain(r, e->place, "amplitude %.80s has no ascending times, or more than 4 points", a->name);
+    } else if (!inp_read_ramp(a, &factor, rise))
         inp_complain(r, e->place, "amplitude %.80s is no ramp from (0, 0) to (T, V) nor constant: only those are read",
                      a->name);
     else if (*rise > period && !inp_is_dynamic(r))

@@ -361,7 +361,7 @@ static inline int inp_write(case_file *c, const char *path, int as_svk)
     sb_output out;
     sb_error error;
     int ok = 1;
-    if (!foreign_element_of(c->mesh.element_type))
+    if (!foreign_element_of(c->mesh.element_type) || !foreign_element_of(c->mesh.element_type)->inp)
         return case_fail(c, c->mesh_statement->line, "elements of type %s cannot be said in an input file",
                          sb_element_name(c->mesh.element_type));
     for (int i = 0; i < c->statement_count; i++)
