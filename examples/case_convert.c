@@ -23,7 +23,7 @@ static const char help[] =
     "IN, OUT   CASE.case (case_solve --help tells its grammar), MODEL.inp, of Abaqus or CalculiX, or MODEL.feb, of\n"
     "          FEBio (formats 4.0 and 3.0 are read, 4.0 is written)\n"
     "IN        also MODEL.msml.xml, of MSML\n"
-    "OUT       also SCENE.scn, of SOFA: tet4 of one material\n"
+    "OUT       also SCENE.scn, of SOFA: tet4, and hex8 of one material\n"
     "--as-svk  writes corotated material, which no .inp and no .feb can say, and linear material, which no .feb can,\n"
     "          as St.Venant-Kirchhoff's\n"
     "\n"

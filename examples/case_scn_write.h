@@ -1,6 +1,7 @@
-/* case_scn_write: writes a case in memory as a scene of SOFA (.scn), in SI units: tet4 of one material, held nodes,
- * nodes that move alike, dead loads and gravity. Components and their attributes are those of SOFA 22.12 and later.
- * What cannot be said is refused, with its line. Include case_foreign.h first. */
+/* case_scn_write: writes a case in memory as a scene of SOFA (.scn), in SI units: tet4, whose regions may differ in E
+ * and density where they are linear or corotated, and hex8 of one such material; held nodes, nodes that move alike,
+ * dead loads, pressures and gravity. Components and their attributes are those of SOFA 22.12 and later. What cannot be
+ * said is refused, with its line; what means nearly the same is said in a note. Include case_foreign.h first. */
 #ifndef CASE_SCN_WRITE_H
 #define CASE_SCN_WRITE_H
 
@@ -9,21 +10,22 @@
 typedef struct scn_writer {
     case_file *c;
     FILE *file;
-    const case_statement *material;
+    const case_statement *material; /* the first */
+    int material_count;
 } scn_writer;
 
-/* Laws of SOFA: a method of TetrahedronFEMForceField, or a material of TetrahedronHyperelasticityFEMForceField, whose
- * constants are mu and lambda. */
+/* Laws of SOFA: a method of TetrahedronFEMForceField, one of HexahedronFEMForceField, or a material of
+ * TetrahedronHyperelasticityFEMForceField, whose constants are mu and lambda. */
 typedef struct scn_law {
     int model;
-    const char *method, *hyperelastic;
+    const char *method, *of_hexahedra, *hyperelastic;
 } scn_law;
 
-static const scn_law scn_laws[] = {{SB_LINEAR, "small", NULL},
-                                   {SB_COROTATED, "polar", NULL},
-                                   {SB_COROTATED_INVERTIBLE, "svd", NULL},
-                                   {SB_SVK, NULL, "StVenantKirchhoff"},
-                                   {SB_NEO_HOOKEAN, NULL, "NeoHookean"}};
+static const scn_law scn_laws[] = {{SB_LINEAR, "small", "small", NULL},
+                                   {SB_COROTATED, "polar", "polar", NULL},
+                                   {SB_COROTATED_INVERTIBLE, "svd", NULL, NULL},
+                                   {SB_SVK, NULL, NULL, "StVenantKirchhoff"},
+                                   {SB_NEO_HOOKEAN, NULL, NULL, "NeoHookean"}};
 enum { SCN_LAW_COUNT = (int)(sizeof scn_laws / sizeof scn_laws[0]) };
 
 static inline const scn_law *scn_law_of(const case_statement *s)
@@ -36,15 +38,39 @@ static inline const scn_law *scn_law_of(const case_statement *s)
 
 /* ---- what can be said -------------------------------------------------------------------------------------- */
 
+static inline int scn_is_hex(const scn_writer *w) { return w->c->mesh.element_type == SB_HEX8; }
+
+/* Whether another material can stand beside the first. */
+static inline int scn_can_say_region(scn_writer *w, const case_statement *s)
+{
+    const case_statement *first = w->material;
+    if (scn_is_hex(w))
+        return case_fail(w->c, s->line, "a second material of hex8 cannot be said; the first is in line %d",
+                         first->line);
+    if (!scn_law_of(s)->method)
+        return case_fail(w->c, s->line, "regions of material %s cannot be said: SOFA has one for all elements",
+                         s->form->variant);
+    if (s->form->code != first->form->code)
+        return case_fail(w->c, s->line, "material %s beside %s of line %d cannot be said", s->form->variant,
+                         first->form->variant, first->line);
+    return s->number[CASE_NU] == first->number[CASE_NU] ||
+           case_fail(w->c, s->line, "nu=%g beside %g of line %d cannot be said: SOFA has one for all elements",
+                     s->number[CASE_NU], first->number[CASE_NU], first->line);
+}
+
 static inline int scn_can_say_material(scn_writer *w, const case_statement *s)
 {
+    const scn_law *law = scn_law_of(s);
     if (s->prony_g)
         return case_fail(w->c, s->line, "relaxation (g1= tau1=) cannot be said in a scene");
-    if (!scn_law_of(s))
+    if (!law)
         return case_fail(w->c, s->line, "material %s%s cannot be said: SOFA has no such law", s->form->variant,
                          s->given & CASE_BIT(CASE_D1) ? " with D1" : "");
-    if (w->material)
-        return case_fail(w->c, s->line, "a second material cannot be said; the first is in line %d", w->material->line);
+    if (scn_is_hex(w) && !law->of_hexahedra)
+        return case_fail(w->c, s->line, "material %s of hex8 cannot be said, only linear and corotated",
+                         s->form->variant);
+    if (w->material_count++ > 0)
+        return scn_can_say_region(w, s);
     w->material = s;
     return 1;
 }
@@ -73,7 +99,10 @@ static inline int scn_can_say(scn_writer *w, const case_statement *s)
     case CASE_MATERIAL: return scn_can_say_material(w, s);
     case CASE_PRESCRIBE: return scn_can_say_prescribe(w, s);
     case CASE_SOLVE: return scn_can_say_solve(w, s);
-    case CASE_PRESSURE:
+    case CASE_ELEMENT:
+        return !s->treatment->bbar ||
+               case_fail(w->c, s->line, "element %s cannot be said: SOFA has none that is the same",
+                         s->treatment->name);
     case CASE_SPRING:
     case CASE_EQUATION:
     case CASE_TIE:
@@ -84,9 +113,17 @@ static inline int scn_can_say(scn_writer *w, const case_statement *s)
 }
 
 /* Where the same words give other numbers. */
-static inline void scn_note(case_file *c)
+static inline void scn_note(const scn_writer *w)
 {
+    case_file *c = w->c;
     int line = c->solve->line;
+    for (int i = 0; scn_is_hex(w) && i < c->statement_count; i++)
+        if (c->statements[i].form->kind == CASE_PRESSURE)
+            case_add_message(&c->notes, c->path, c->statements[i].line,
+                             "SOFA presses on a quad as on two triangles: the same where it is a parallelogram");
+    if (scn_is_hex(w) && w->material->form->code == SB_COROTATED)
+        case_add_message(&c->notes, c->path, w->material->line,
+                         "SOFA turns a hex8 as a whole; here each of its points turns by itself");
     if (!case_is_dynamic(c))
         case_add_message(&c->notes, c->path, line,
                          "SOFA's StaticSolver has its own iterations: take steps until it rests");
@@ -125,6 +162,7 @@ static inline void scn_write_plugins(scn_writer *w)
 {
     static const char *const plugins[] = {"Constraint.Projective",
                                           "LinearSolver.Direct",
+                                          "Mapping.Linear",
                                           "Mass",
                                           "MechanicalLoad",
                                           "ODESolver.Backward",
@@ -151,33 +189,107 @@ static inline void scn_write_solver(scn_writer *w, const case_statement *s)
     fprintf(w->file, "\t\t<SparseLDLSolver template=\"CompressedRowSparseMatrixMat3x3d\"/>\n");
 }
 
+/* Indices of so many to an element. */
+static inline void scn_elements(scn_writer *w, const char *name, const int *indices, int count, int width)
+{
+    fprintf(w->file, " %s=\"", name);
+    for (int k = 0; k < width * count; k++)
+        fprintf(w->file, "%s%d", k == 0 ? "" : k % width ? " " : "\n", indices[k]);
+    fprintf(w->file, "\"");
+}
+
 static inline void scn_write_mesh(scn_writer *w)
 {
     const sb_mesh *mesh = &w->c->mesh;
-    fprintf(w->file, "\t\t<TetrahedronSetTopologyContainer name=\"topology\" position=\"");
+    const char *kind = scn_is_hex(w) ? "Hexahedron" : "Tetrahedron";
+    fprintf(w->file, "\t\t<%sSetTopologyContainer name=\"topology\" position=\"", kind);
     for (int i = 0; i < mesh->node_count; i++)
         scn_vector(w, i ? "\n" : "", mesh->nodes[i]);
-    fprintf(w->file, "\" tetrahedra=\"");
-    for (int k = 0; k < 4 * mesh->element_count; k++)
-        fprintf(w->file, "%s%d", k == 0 ? "" : k % 4 ? " " : "\n", mesh->elements[k]);
-    fprintf(w->file, "\"/>\n\t\t<TetrahedronSetGeometryAlgorithms template=\"Vec3\"/>\n"
-                     "\t\t<MechanicalObject name=\"nodes\" template=\"Vec3\" src=\"@topology\"/>\n");
+    fprintf(w->file, "\"");
+    scn_elements(w, scn_is_hex(w) ? "hexahedra" : "tetrahedra", mesh->elements, mesh->element_count,
+                 sb_mesh_element_width(mesh));
+    fprintf(w->file,
+            "/>\n\t\t<%sSetGeometryAlgorithms template=\"Vec3\"/>\n"
+            "\t\t<MechanicalObject name=\"nodes\" template=\"Vec3\" src=\"@topology\"/>\n",
+            kind);
+}
+
+/* The material of an element. */
+static inline const case_statement *scn_material_of(const scn_writer *w, int element)
+{
+    const sb_mesh *mesh = &w->c->mesh;
+    int region = mesh->regions ? mesh->regions[element] : 0;
+    for (int i = 0; i < w->c->statement_count; i++) {
+        const case_statement *s = w->c->statements + i;
+        if (s->form->kind == CASE_MATERIAL && (int)s->number[CASE_REGION] == region)
+            return s;
+    }
+    return w->material;
+}
+
+/* A number of the one material, or one for each element. */
+static inline void scn_option(scn_writer *w, const char *name, case_key key)
+{
+    int count = w->material_count > 1 ? w->c->mesh.element_count : 1;
+    fprintf(w->file, " %s=\"", name);
+    for (int e = 0; e < count; e++)
+        scn_number(w, e ? " " : "", (count > 1 ? scn_material_of(w, e) : w->material)->number[key], "");
+    fprintf(w->file, "\"");
 }
 
 static inline void scn_write_material(scn_writer *w, const case_statement *s)
 {
     const scn_law *law = scn_law_of(s);
     double e = s->number[CASE_E], nu = s->number[CASE_NU];
-    scn_number(w, "\t\t<MeshMatrixMass massDensity=\"", s->number[CASE_DENSITY], "\" topology=\"@topology\"/>\n");
+    fprintf(w->file, "\t\t<MeshMatrixMass");
+    scn_option(w, "massDensity", CASE_DENSITY);
+    fprintf(w->file, " topology=\"@topology\"/>\n");
     if (law->method) {
-        fprintf(w->file, "\t\t<TetrahedronFEMForceField method=\"%s\"", law->method);
-        scn_number(w, " youngModulus=\"", e, "\"");
+        fprintf(w->file, "\t\t<%sFEMForceField method=\"%s\"", scn_is_hex(w) ? "Hexahedron" : "Tetrahedron",
+                scn_is_hex(w) ? law->of_hexahedra : law->method);
+        scn_option(w, "youngModulus", CASE_E);
         scn_number(w, " poissonRatio=\"", nu, "\" topology=\"@topology\"/>\n");
     } else {
         fprintf(w->file, "\t\t<TetrahedronHyperelasticityFEMForceField materialName=\"%s\"", law->hyperelastic);
         scn_number(w, " ParameterSet=\"", e / (2 * (1 + nu)), " ");
         scn_number(w, "", e * nu / ((1 + nu) * (1 - 2 * nu)), "\" topology=\"@topology\"/>\n");
     }
+}
+
+/* Faces in a node of their own, which moves as the body does. SOFA's pressure pulls the side that sees corners
+ * counter-clockwise. */
+static inline int scn_write_pressure(scn_writer *w, const case_statement *s)
+{
+    const sb_mesh *mesh = &w->c->mesh;
+    int corners = case_face_corners(w->c), *list = (int *)calloc((size_t)s->count * (size_t)corners + 1, sizeof *list);
+    int ok = list != NULL || case_fail_memory(w->c, s->line);
+    sb_error error;
+    if (ok && !w->c->node_elements.offsets && sb_mesh_node_elements(mesh, NULL, &w->c->node_elements, &error) != SB_OK)
+        ok = case_fail_library(w->c, s->line, &error);
+    for (int i = 0; i < s->count && ok; i++) {
+        int element, face, local[SB_MAX_FACE_NODES];
+        if (!case_find_face(w->c, s->faces + (size_t)i * (size_t)corners, corners, &element, &face)) {
+            ok = case_fail(w->c, s->line, "face %d is no face of an element", i);
+            break;
+        }
+        sb_element_face(mesh->element_type, face, local, NULL);
+        for (int k = 0; k < corners; k++)
+            list[(size_t)i * (size_t)corners + (size_t)k] =
+                mesh->elements[(size_t)element * (size_t)sb_mesh_element_width(mesh) + (size_t)local[k]];
+    }
+    if (ok) {
+        fprintf(w->file, "\t\t<Node name=\"pressure%d\">\n\t\t\t<%sSetTopologyContainer name=\"faces\"",
+                (int)(s - w->c->statements) + 1, corners == 4 ? "Quad" : "Triangle");
+        scn_elements(w, corners == 4 ? "quads" : "triangles", list, s->count, corners);
+        fprintf(w->file,
+                "/>\n\t\t\t<MechanicalObject name=\"copy\" template=\"Vec3\" position=\"@../nodes.position\"/>\n"
+                "\t\t\t<SurfacePressureForceField");
+        scn_number(w, " pressure=\"", s->number[CASE_PRESSURE_VALUE] != 0 ? -s->number[CASE_PRESSURE_VALUE] : 0, "\"");
+        fprintf(w->file, " topology=\"@faces\"/>\n\t\t\t<IdentityMapping input=\"@../nodes\" output=\"@copy\"/>\n"
+                         "\t\t</Node>\n");
+    }
+    free(list);
+    return ok;
 }
 
 static inline void scn_write_support(scn_writer *w, const case_statement *s)
@@ -214,9 +326,10 @@ static inline void scn_write_forces(scn_writer *w, const sb_vec3 *forces)
 }
 
 /* `forces`: [nodes] dead loads (N); NULL: none. */
-static inline void scn_write_all(scn_writer *w, const sb_vec3 *forces)
+static inline int scn_write_all(scn_writer *w, const sb_vec3 *forces)
 {
     const case_file *c = w->c;
+    int ok = 1;
     const double still[3] = {0, 0, 0}, *g = c->gravity ? c->gravity->numbers : still;
     fprintf(w->file, "<?xml version=\"1.0\"?>\n<!-- units: m, s, N, kg -->\n<Node name=\"root\"");
     scn_number(w, " dt=\"", case_is_dynamic(c) ? case_dt(c) : 1, "\"");
@@ -233,19 +346,24 @@ static inline void scn_write_all(scn_writer *w, const sb_vec3 *forces)
             scn_write_support(w, c->statements + i);
     if (forces)
         scn_write_forces(w, forces);
+    for (int i = 0; i < c->statement_count && ok; i++)
+        if (c->statements[i].form->kind == CASE_PRESSURE)
+            ok = scn_write_pressure(w, c->statements + i);
     fprintf(w->file, "\t</Node>\n</Node>\n");
+    return ok;
 }
 
 /* Writes the case at `path`. Returns 1, or 0 with error_line and message: then the file is what it was before. */
 static inline int scn_write(case_file *c, const char *path)
 {
-    scn_writer w = {c, NULL, NULL};
+    scn_writer w = {c, NULL, NULL, 0};
     sb_vec3 *forces = NULL;
     sb_output out;
     sb_error error;
     int ok = 1, any = 0;
-    if (c->mesh.element_type != SB_TET4)
-        return case_fail(c, c->mesh_statement->line, "elements of type %s cannot be said in a scene, only tet4",
+    if (c->mesh.element_type != SB_TET4 && c->mesh.element_type != SB_HEX8)
+        return case_fail(c, c->mesh_statement->line,
+                         "elements of type %s cannot be said in a scene, only tet4 and hex8",
                          sb_element_name(c->mesh.element_type));
     for (int i = 0; i < c->statement_count && ok; i++) {
         ok = scn_can_say(&w, c->statements + i);
@@ -259,10 +377,13 @@ static inline int scn_write(case_file *c, const char *path)
         ok = case_fail_library(c, 0, &error);
     if (ok) {
         foreign_note_left_out(c);
-        scn_note(c);
+        scn_note(&w);
         w.file = out.file;
-        scn_write_all(&w, forces);
-        ok = sb_output_close(&out, &error) == SB_OK || case_fail_library(c, 0, &error);
+        ok = scn_write_all(&w, forces);
+        if (!ok)
+            sb_output_discard(&out);
+        else
+            ok = sb_output_close(&out, &error) == SB_OK || case_fail_library(c, 0, &error);
     }
     free(forces);
     return ok;
