@@ -10,7 +10,8 @@
 
 typedef struct sbi_correction {
     const sb_particles *particles;
-    double (*factors)[16];                     /* [cells] L of Q^T Q, its first entry 0 where that is singular */
+    double (*rows)[4];                         /* [cells][nodes of a cell] of Z = Q L^-T, Q^T Q = L L^T, so that P_p is
+                                                * I - Z Z^T; the first of a cell 0 where that is singular */
     double *diagonal;                          /* [particles] of A */
     double (*x)[3], (*r)[3], (*d)[3], (*y)[3]; /* [particles] */
 } sbi_correction;
@@ -41,17 +42,20 @@ static int sbi_correction_factor(double *a)
     return 1;
 }
 
-static void sbi_correction_solve(const double *l, double *b)
+static double (*sbi_correction_rows(const sbi_correction *c, int e))[4]
+{
+    return c->rows + (size_t)e * (size_t)c->particles->domain.nodes_per_cell;
+}
+
+static int sbi_correction_has(const sbi_correction *c, int e) { return sbi_correction_rows(c, e)[0][0] != 0; }
+
+/* z = L^-1 q in place of q */
+static void sbi_correction_solve(const double *l, double *q)
 {
     for (int i = 0; i < 4; i++) {
         for (int k = 0; k < i; k++)
-            b[i] -= l[4 * i + k] * b[k];
-        b[i] /= l[4 * i + i];
-    }
-    for (int i = 4; i-- > 0;) {
-        for (int k = i + 1; k < 4; k++)
-            b[i] -= l[4 * k + i] * b[k];
-        b[i] /= l[4 * i + i];
+            q[i] -= l[4 * i + k] * q[k];
+        q[i] /= l[4 * i + i];
     }
 }
 
@@ -63,24 +67,22 @@ static void sbi_correction_prepare(sbi_correction *c)
     for (int e = 0; e < particles->mesh.element_count; e++) {
         const int *nodes = particles->domain.cells + (size_t)e * (size_t)n;
         int count = sbi_particle_cell_count(particles, e);
-        double *gram = c->factors[e], q[4];
-        memset(gram, 0, 16 * sizeof *gram);
+        double(*z)[4] = sbi_correction_rows(c, e), gram[16];
+        memset(gram, 0, sizeof gram);
         for (int a = 0; a < count; a++) {
-            sbi_correction_row(particles, e, nodes[a], q);
+            sbi_correction_row(particles, e, nodes[a], z[a]);
             for (int i = 0; i < 16; i++)
-                gram[i] += q[i / 4] * q[i % 4];
+                gram[i] += z[a][i / 4] * z[a][i % 4];
         }
         if (!sbi_correction_factor(gram)) {
-            gram[0] = 0;
+            z[0][0] = 0;
             continue;
         }
         for (int a = 0; a < count; a++) {
-            double s[4], own = 1;
-            sbi_correction_row(particles, e, nodes[a], q);
-            memcpy(s, q, sizeof s);
-            sbi_correction_solve(gram, s);
+            double own = 1;
+            sbi_correction_solve(gram, z[a]);
             for (int i = 0; i < 4; i++)
-                own -= q[i] * s[i];
+                own -= z[a][i] * z[a][i];
             c->diagonal[nodes[a]] += (double)particles->domain.weights[e] * own;
         }
     }
@@ -89,21 +91,22 @@ static void sbi_correction_prepare(sbi_correction *c)
 /* (P_p x)_a of a point's nodes, out[count][3]. */
 static void sbi_correction_project(const sbi_correction *c, int e, int count, const double (*x)[3], double (*out)[3])
 {
-    const sb_particles *particles = c->particles;
-    const int *nodes = particles->domain.cells + (size_t)e * (size_t)particles->domain.nodes_per_cell;
-    double q[SBI_PARTICLE_NODES][4], sums[3][4];
-    memset(sums, 0, sizeof sums);
+    const int *nodes = c->particles->domain.cells + (size_t)e * (size_t)c->particles->domain.nodes_per_cell;
+    const double(*z)[4] = (const double(*)[4])sbi_correction_rows(c, e);
+    double s0[4] = {0, 0, 0, 0}, s1[4] = {0, 0, 0, 0}, s2[4] = {0, 0, 0, 0};
     for (int a = 0; a < count; a++) {
-        sbi_correction_row(particles, e, nodes[a], q[a]);
-        for (int k = 0; k < 3; k++)
-            for (int i = 0; i < 4; i++)
-                sums[k][i] += q[a][i] * x[nodes[a]][k];
+        const double *at = x[nodes[a]];
+        for (int i = 0; i < 4; i++) {
+            s0[i] += z[a][i] * at[0];
+            s1[i] += z[a][i] * at[1];
+            s2[i] += z[a][i] * at[2];
+        }
     }
-    for (int k = 0; k < 3; k++) {
-        sbi_correction_solve(c->factors[e], sums[k]);
-        for (int a = 0; a < count; a++)
-            out[a][k] = x[nodes[a]][k] - q[a][0] * sums[k][0] - q[a][1] * sums[k][1] - q[a][2] * sums[k][2] -
-                        q[a][3] * sums[k][3];
+    for (int a = 0; a < count; a++) {
+        const double *at = x[nodes[a]], *row = z[a];
+        out[a][0] = at[0] - ((row[0] * s0[0] + row[1] * s0[1]) + (row[2] * s0[2] + row[3] * s0[3]));
+        out[a][1] = at[1] - ((row[0] * s1[0] + row[1] * s1[1]) + (row[2] * s1[2] + row[3] * s1[3]));
+        out[a][2] = at[2] - ((row[0] * s2[0] + row[1] * s2[1]) + (row[2] * s2[2] + row[3] * s2[3]));
     }
 }
 
@@ -119,7 +122,7 @@ static void sbi_correction_multiply(const sbi_correction *c, const double (*x)[3
         double out[SBI_PARTICLE_NODES][3];
         for (int a = 0; a < count; a++)
             any |= particles->inner[nodes[a]];
-        if (!any || c->factors[e][0] == 0)
+        if (!any || !sbi_correction_has(c, e))
             continue;
         sbi_correction_project(c, e, count, x, out);
         for (int a = 0; a < count; a++)
@@ -203,7 +206,7 @@ static void sbi_correction_apply(const sbi_correction *c, sb_domain *domain)
         sb_real *g = domain->gradients + 3 * (size_t)e * (size_t)n;
         int count = sbi_particle_cell_count(c->particles, e);
         double out[SBI_PARTICLE_NODES][3];
-        if (c->factors[e][0] == 0)
+        if (!sbi_correction_has(c, e))
             continue;
         sbi_correction_project(c, e, count, (const double(*)[3])c->x, out);
         for (int k = 0; k < 3; k++) {
@@ -234,22 +237,23 @@ SBI_API void sbi_particles_mark_inner(const sbi_near *near, const sb_vec3 *sampl
 SBI_API sb_result sbi_particles_correct(sb_particles *particles, sb_error *error)
 {
     const sb_allocator *allocator = &particles->def.allocator;
-    size_t n = (size_t)particles->mesh.node_count, cells = (size_t)particles->mesh.element_count, bytes = 0;
+    size_t n = (size_t)particles->mesh.node_count, cells = (size_t)particles->mesh.element_count, bytes = 0, rows = 0;
     int wanted = particles->def.consistent && particles->def.method != SB_PARTICLES_SPH &&
                  !(particles->def.method == SB_PARTICLES_GRID && particles->def.basis < 4);
     sbi_correction c;
     double *memory = NULL;
-    if (sbi_size_add(&bytes, 16 * cells, sizeof(double)) && sbi_size_add(&bytes, 13 * n, sizeof(double)))
+    if (sbi_size_add(&rows, cells, (size_t)particles->domain.nodes_per_cell) &&
+        sbi_size_add(&bytes, rows, 4 * sizeof(double)) && sbi_size_add(&bytes, 13 * n, sizeof(double)))
         memory = (double *)sbi_alloc(allocator, bytes, 1);
     if (!memory)
         return sbi_fail(error, SB_ERROR_MEMORY, "no memory for consistent gradients of %d points", (int)cells);
     c.particles = particles;
-    c.factors = (double(*)[16])memory;
-    c.x = (double(*)[3])(memory + 16 * cells);
+    c.rows = (double(*)[4])memory;
+    c.x = (double(*)[3])(memory + 4 * rows);
     c.r = c.x + n;
     c.d = c.r + n;
     c.y = c.d + n;
-    c.diagonal = memory + 16 * cells + 12 * n;
+    c.diagonal = memory + 4 * rows + 12 * n;
     particles->imbalance = (sb_real)sbi_correction_residual(&c);
     if (wanted && particles->imbalance > 0) {
         sbi_correction_prepare(&c);
