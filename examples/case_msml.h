@@ -116,12 +116,16 @@ static inline msml_element *msml_elements(const msml_reader *m) { return (msml_e
 /* The name without the namespace's prefix. */
 static inline const char *msml_bare(const char *name) { return strchr(name, ':') ? strchr(name, ':') + 1 : name; }
 
+static inline const xml_attribute *msml_own(const msml_reader *m, const msml_element *e, int i)
+{
+    return (const xml_attribute *)m->attributes.items + e->first_attribute + i;
+}
+
 static inline const char *msml_attribute(const msml_reader *m, const msml_element *e, const char *name)
 {
-    const xml_attribute *own = (const xml_attribute *)m->attributes.items + e->first_attribute;
     for (int i = 0; i < e->attribute_count; i++)
-        if (strcmp(own[i].name, name) == 0)
-            return own[i].value;
+        if (strcmp(msml_own(m, e, i)->name, name) == 0)
+            return msml_own(m, e, i)->value;
     return NULL;
 }
 
@@ -173,10 +177,11 @@ static inline int msml_lists(const char *list, const char *name)
 
 static inline void msml_check_attributes(msml_reader *m, const msml_element *e, const char *known)
 {
-    const xml_attribute *own = (const xml_attribute *)m->attributes.items + e->first_attribute;
-    for (int i = 0; i < e->attribute_count; i++)
-        if (!msml_lists(known, own[i].name) && !msml_lists(" id name ", own[i].name))
-            msml_complain(m, e, "%.60s= is not understood in <%.60s>", own[i].name, e->name);
+    for (int i = 0; i < e->attribute_count; i++) {
+        const char *name = msml_own(m, e, i)->name;
+        if (!msml_lists(known, name) && !msml_lists(" id name ", name))
+            msml_complain(m, e, "%.60s= is not understood in <%.60s>", name, e->name);
+    }
 }
 
 /* Keeps the open element with its attributes, as a child of `parent`; its place in the list, or -1. */

@@ -54,18 +54,18 @@ typedef sb_real (*ndl_cutting)(void *user, sb_vec3 X, int region);
  * Which to take: NDL_EMBED, the default, wherever forces, bends or places matter, in soft tissue above all, in other
  * elements than tet4, in cut bodies, for needles close together. NDL_REMESH (what Chentanez 2010 has) where nodes are
  * wanted on the needle's line, or steps have to be cheap: it takes 0.6 times the time in a gel phantom of 24 x 24 x 3
- * cells. Of 200 needles into random ellipsoids none felt 0.05 N more than friction and cutting in any step, of 2,240
- * into six organs, whose lowest sixth is held, none three times them and 0.2 N unless its tip was stopped
- * (ndl_step_info.blocked). Nearly along the skin needles may tear out (ndl_step_info.torn): of 60 wires of 1.8 mm at 63
- * to 86 degrees from its normal, in 14 kPa, 6 did so, with NDL_EMBED none. Markers of that phantom are off those of a
- * finer mesh by 0.107 mm with NDL_REMESH, 0.022 with NDL_EMBED (RMS; needle_phantom); lateral stiffness changes 1.9
- * times over edges from 17 to 7 mm with NDL_REMESH; in 50 kPa a bend is 0.82 to 1.56 of its law with NDL_REMESH
- * (ndl_step_info.coarse says when), 0.99 to 1.06 with NDL_EMBED. A nitinol needle 28 mm deep in 30 kPa that is drawn
- * back takes tissue with it by 422 N/m, as a line of its radius in a tube of 30 mm, and its tip by some more: with
- * edges of 12 and 7.5 mm NDL_EMBED has 484 and 436 N/m, NDL_REMESH 1050 and 920. So after 4 mm of the way NDL_REMESH
- * slips, and holds all of the friction (0.82 N), while NDL_EMBED still sticks, as a needle would (0.43 N); after 10 mm
- * both hold friction times depth. Templates: 4 and 16 held needles 5 mm apart, in edges of 5 and 10 mm, feel friction
- * and cutting to 1 %.
+ * cells. Of 200 needles into random ellipsoids none felt 0.05 N more than friction and cutting in any step; of 5,240
+ * into six organs, whose lowest sixth is held, 6 felt more than three times them and 0.2 N, by up to 3 N, unless their
+ * tips were stopped (ndl_step_info.blocked). Nearly along the skin needles may tear out (ndl_step_info.torn): of 60
+ * wires of 1.8 mm at 63 to 86 degrees from its normal, in 14 kPa, 6 did so, with NDL_EMBED none. Markers of that
+ * phantom are off those of a finer mesh by 0.107 mm with NDL_REMESH, 0.022 with NDL_EMBED (RMS; needle_phantom);
+ * lateral stiffness changes 1.9 times over edges from 17 to 7 mm with NDL_REMESH; in 50 kPa a bend is 0.82 to 1.56 of
+ * its law with NDL_REMESH (ndl_step_info.coarse says when), 0.99 to 1.06 with NDL_EMBED. A nitinol needle 28 mm deep in
+ * 30 kPa that is drawn back takes tissue with it by 422 N/m, as a line of its radius in a tube of 30 mm, and its tip by
+ * some more: with edges of 12 and 7.5 mm NDL_EMBED has 484 and 436 N/m, NDL_REMESH 1050 and 920. So after 4 mm of the
+ * way NDL_REMESH slips, and holds all of the friction (0.82 N), while NDL_EMBED still sticks, as a needle would (0.43
+ * N); after 10 mm both hold friction times depth. Templates: 4 and 16 held needles 5 mm apart, in edges of 5 and 10 mm,
+ * feel friction and cutting to 1 %.
  *
  * With NDL_EMBED the shaft is held by springs at material points. They are what the mesh does not show of the tissue
  * close to the needle (couple_rows.h), so that what a hand feels hardly depends on the mesh: an 18-gauge or nitinol
