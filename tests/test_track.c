@@ -909,6 +909,7 @@ static void test_marked_state(void)
             CHECK_RESULT(reg_track_load(b.track, bytes, size, NULL), SB_ERROR_STATE);   /* none */
             for (size_t cut = 1; cut < 300; cut += 7)
                 CHECK_RESULT(reg_track_load(tracks[0], bytes, size - cut, NULL), SB_ERROR_FORMAT);
+            check_bad_numbers();
             for (size_t at = size - SBI_IMAGE_TAIL - 4 * 200; at < size - SBI_IMAGE_TAIL; at += 4) { /* no crash */
                 unsigned char kept[4];
                 memcpy(kept, bytes + at, 4);
