@@ -115,9 +115,9 @@ expect 2 'block_mesh.vtk is read by this case' case_convert turning.case block.c
 expect 0 '^turning.inp: 36 nodes' case_convert --as-svk turning.case turning.inp
 check "units are in the first line" grep -q '^.. units: m, s, force 1e-4 N' turning.inp
 
-# FEBio has no reduced polynomial; the same block of two laws that it has is written as it was before.
-expect 2 'block.inp:70: material reduced_polynomial cannot be said' case_convert "$tests/block.inp" gel.feb
-check "case_convert writes nothing that it cannot say" is_gone gel.feb
+# A reduced polynomial is Yeoh's law; the same block with another law is written as it was before.
+expect 0 '^yeoh.feb: 36 nodes, 12 hex8$' case_convert "$tests/block.inp" yeoh.feb
+check "a reduced polynomial is Yeoh's law" grep -q 'type="Yeoh"' yeoh.feb
 sed 's/REDUCED POLYNOMIAL, N=2/MOONEY-RIVLIN/; s/^3E7, 1E7, 2E-8, 1E30/3E7, 1E7, 2E-8/' "$tests/block.inp" >gel.inp
 expect 0 '^gel.feb: 36 nodes, 12 hex8$' case_convert gel.inp gel.feb
 check "a file of FEBio is the one that was looked at" cmp -s gel.feb "$tests/block.feb"
@@ -132,10 +132,13 @@ check "all ten mistakes are listed" [ "$(wc -l <output.txt)" = 10 ]
 check "case_convert writes nothing of a wrong file of FEBio" is_gone b.case
 expect 0 '^turning.feb: 36 nodes' case_convert turning.case turning.feb --as-svk
 expect 2 'turning.case:2: material corotated cannot be said: FEBio has no such law; --as-svk' case_convert turning.case t.feb
+check "case_convert writes nothing that it cannot say" is_gone t.feb
 expect 0 '^gel.case: 36 nodes' case_convert gel.inp gel.case
 sed 's/^solve.*/solve modes count=3/; /^output/d' gel.case >humming.case
 expect 2 'solve modes cannot be said' case_convert humming.case humming.feb
-expect 2 'turning.case:1: elements of type hex8 cannot be said in a scene' case_convert turning.case turning.scn
+expect 0 '^turning.scn: 36 nodes, 12 hex8$' case_convert turning.case turning.scn
+expect 2 'block.case:2: material neo_hookean with D1 cannot be said: SOFA has no such law' case_convert block.case block.scn
+check "case_convert writes no scene that it cannot say" is_gone block.scn
 
 # A file of MSML, whose mesh is beside it.
 cp "$tests/beam.msml.xml" "$tests/beam.vtk" .
