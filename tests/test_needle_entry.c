@@ -145,6 +145,10 @@ static void test_held(void) { check_entries(NDL_EMBED, 0, 0, entry_count(getenv(
 
 /* ---- programs: in, a rest, turns and out again, several in one organ ---- */
 
+/* Between the organ's regions; 0: it has one. */
+static ndl_membrane walls[2];
+static int wall_count;
+
 /* A needle that meets the skin at a point at `tilt` (rad) from its normal (unit); bend: curvature of its bevel. */
 static ndl_needle *make_at(sb_body *body, const ndl_friction *friction, sb_vec3 at, sb_vec3 normal, double tilt,
                            double bend, unsigned long long *seed)
@@ -160,7 +164,9 @@ static ndl_needle *make_at(sb_body *body, const ndl_friction *friction, sb_vec3 
     def.body = body;
     def.follow = NDL_EMBED;
     def.frictions = friction;
-    def.friction_count = 1;
+    def.friction_count = wall_count + 1;
+    def.membranes = walls;
+    def.membrane_count = wall_count;
     def.bevel.curvature = REAL(bend);
     def.direction = sb_v3_madd(sb_v3_scale(REAL(-cos(tilt)), normal), REAL(sin(tilt)), side);
     def.length = REAL(0.012);
@@ -227,6 +233,8 @@ static double program_step(sb_body *body, ndl_needle *needle, const ndl_friction
     along = sb_v3_dot(force, ndl_rod_frame(ndl_needle_rod(needle), 0).t);
     most_across = fmax(most_across, sqrt(fmax(0, (double)(sb_v3_dot(force, force) - along * along))));
     size = (double)sb_v3_norm(force);
+    if (wall_count > 0) /* within a step, too */
+        size = fmax(size, (double)info.peak_base);
     if (leans)
         size = fabs((double)along + leaning(needle, ndl_rod_frame(ndl_needle_rod(needle), 0).t));
     return size - (double)f->cutting - ((double)f->friction + (double)f->viscous * fabs(speed)) * depth;
@@ -286,6 +294,103 @@ static void test_programs(void)
     }
     CHECK_INT(programs, wanted);
     printf("%d programs, at most %.3f N beyond the law\n", programs, beyond);
+}
+
+/* ---- organs in three regions, with membranes between them ---- */
+
+/* The middle one between two parallel planes, each of its own stiffness, up to twelve times another's. */
+static int make_parted(entry *e, unsigned long long *seed)
+{
+    sb_body_def def = needle_scene_body_def();
+    sb_region_material others[2];
+    sb_vec3 low, high, across;
+    double first = check_random_in(seed, -0.5, 0.2), second = first + check_random_in(seed, 0.2, 0.5);
+    if (!make_ellipsoid(&e->mesh, seed))
+        return 0;
+    e->mesh.regions = (int *)malloc((size_t)e->mesh.element_count * sizeof(int)); /* freed as the others are */
+    if (!CHECK(e->mesh.regions != NULL))
+        return 0;
+    across.x = REAL(check_random_in(seed, -1, 1));
+    across.y = REAL(check_random_in(seed, -1, 1));
+    across.z = REAL(check_random_in(seed, -1, 1));
+    across = sb_v3_scale(1 / sb_v3_norm(across), across);
+    for (int k = 0; k < e->mesh.element_count; k++) {
+        sb_vec3 sum = sb_v3(0, 0, 0);
+        for (int c = 0; c < 4; c++)
+            sum = sb_v3_add(sum, e->mesh.nodes[e->mesh.elements[4 * k + c]]);
+        e->mesh.regions[k] = ((double)sb_v3_dot(across, sum) > 4 * first * (double)radii[2]) +
+                             ((double)sb_v3_dot(across, sum) > 4 * second * (double)radii[2]);
+    }
+    memset(others, 0, sizeof others);
+    for (int k = 0; k < 2; k++) {
+        others[k].region = k + 1;
+        others[k].material = sb_material_corotated(REAL(5e3 * pow(12, check_random(seed))), REAL(0.45), 1000);
+    }
+    def.material = sb_material_corotated(REAL(5e3 * pow(12, check_random(seed))), REAL(0.45), 1000);
+    def.region_materials = others;
+    def.region_material_count = 2;
+    def.slack = 0;
+    def.mesh = &e->mesh;
+    if (!CHECK_OK(sb_body_create(&def, &e->body, NULL)))
+        return 0;
+    sb_mesh_bounds(&e->mesh, &low, &high);
+    for (int i = 0; i < e->mesh.node_count; i++)
+        if ((double)(e->mesh.nodes[i].z - low.z) < 0.15 * (double)(high.z - low.z))
+            CHECK_OK(sb_body_hold(e->body, &i, 1, SB_XYZ, NULL));
+    return 1;
+}
+
+/* Cutting is that of the hardest, with the stronger membrane. */
+static ndl_friction law_of(const ndl_friction regions[3])
+{
+    ndl_friction most = regions[0];
+    for (int k = 1; k < 3; k++)
+        most.cutting = sb_max(most.cutting, regions[k].cutting);
+    most.cutting += sb_max(walls[0].strength, walls[1].strength);
+    return most;
+}
+
+static void test_parted(void)
+{
+    unsigned long long seed = 5151;
+    double beyond = 0;
+    int programs = 0, wanted = check_quick() ? 4 : getenv("CHECK_SLOW") ? 200 : 24;
+    wall_count = 2;
+    for (int organ = 0; programs < wanted && organ < 4 * wanted; organ++) {
+        entry e;
+        memset(&e, 0, sizeof e);
+        if (make_parted(&e, &seed))
+            for (int i = 0; i < 4 && programs < wanted; i++) {
+                ndl_friction regions[3], law;
+                double more;
+                for (int k = 0; k < 3; k++) { /* of one friction, lest the law be far off in some */
+                    regions[k] = k ? regions[0] : random_friction(&seed);
+                    regions[k].cutting = REAL(check_random_in(&seed, 0.1, 0.4));
+                }
+                for (int k = 0; k < 2; k++) {
+                    walls[k].regions[0] = k, walls[k].regions[1] = k + 1;
+                    walls[k].strength = REAL(check_random_in(&seed, 0, 0.3));
+                    walls[k].thickness = REAL(check_random_in(&seed, 0.0003, 0.002));
+                }
+                e.needle = make_tilted(e.body, regions, &seed);
+                if (!e.needle) /* or regions that do not meet */
+                    continue;
+                law = law_of(regions);
+                more = run_program(e.body, e.needle, &law, &seed);
+                if (!CHECK(more < 0.15))
+                    printf("program %d: %.3f N beyond the law\n", programs, more);
+                beyond = fmax(beyond, more);
+                programs++;
+                ndl_needle_destroy(e.needle);
+                e.needle = NULL;
+                sb_body_reset(e.body);
+            }
+        sb_body_destroy(e.body);
+        sb_mesh_free(&e.mesh);
+    }
+    wall_count = 0;
+    CHECK_INT(programs, wanted);
+    printf("%d programs through regions, at most %.3f N beyond the law\n", programs, beyond);
 }
 
 /* ---- organs of the shared folder, with bevels ---- */
@@ -542,5 +647,5 @@ static void test_meshed_organs(void)
 }
 
 CHECK_SUITE(needle_entry, {"entries put aside", test_slipped}, {"entries where they are", test_in_place},
-            {"needles that are held", test_held}, {"programs", test_programs}, {"organs", test_organs},
-            {"beside edges", test_edges}, {"organs, meshed", test_meshed_organs});
+            {"needles that are held", test_held}, {"programs", test_programs}, {"regions", test_parted},
+            {"organs", test_organs}, {"beside edges", test_edges}, {"organs, meshed", test_meshed_organs});
