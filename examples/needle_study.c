@@ -339,7 +339,7 @@ static int program(int argc, char **argv)
         {"-o", "NAME", OPTION_TEXT, NULL, NULL, &s.out, 0, 0, "writes NAME.csv, NAME_mesh.svg and NAME_step.svg"},
         {"--remesh", NULL, OPTION_FLAG, &s.remesh, NULL, NULL, 0, 0, "meshes that follow the needle (NDL_REMESH)"},
         {"--quick", NULL, OPTION_FLAG, &s.quick, NULL, NULL, 0, 0, "two meshes and two steps: seconds"},
-        {"--all", NULL, OPTION_FLAG, &s.all, NULL, NULL, 0, 0, "three gels and a mesh of 5 mm edges, too: 20 minutes"},
+        {"--all", NULL, OPTION_FLAG, &s.all, NULL, NULL, 0, 0, "three gels and a mesh of 5 mm edges, too: minutes"},
         {"--help", NULL, OPTION_FLAG, &s.help, NULL, NULL, 0, 0, "this text"},
     };
     enum { OPTIONS = sizeof list / sizeof list[0] };
