@@ -305,10 +305,7 @@ static int make_parted(entry *e, unsigned long long *seed)
     sb_region_material others[2];
     sb_vec3 low, high, across;
     double first = check_random_in(seed, -0.5, 0.2), second = first + check_random_in(seed, 0.2, 0.5);
-    if (!make_ellipsoid(&e->mesh, seed))
-        return 0;
-    e->mesh.regions = (int *)malloc((size_t)e->mesh.element_count * sizeof(int)); /* freed as the others are */
-    if (!CHECK(e->mesh.regions != NULL))
+    if (!make_ellipsoid(&e->mesh, seed) || !CHECK(e->mesh.regions != NULL))
         return 0;
     across.x = REAL(check_random_in(seed, -1, 1));
     across.y = REAL(check_random_in(seed, -1, 1));
