@@ -1,6 +1,7 @@
 /* body_check: what is unusual about a body. */
 #include "body.h"
 #include "body_private.h"
+#include "rigid_private.h"
 #include "live_private.h"
 
 #include <string.h>
@@ -101,14 +102,17 @@ static void sbi_body_check_materials(const sb_body *body, sb_check_report *repor
 
 SB_API sb_result sb_body_check(const sb_body *body, sb_check_report *report)
 {
+    sbi_loose loose;
     if (!body || !report)
         return SB_ERROR_ARGUMENT;
     memset(report, 0, sizeof *report);
     report->worst_element = -1;
     sbi_body_check_mesh(body, report);
     sbi_body_check_materials(body, report);
-    report->unsupported_component_node = sbi_body_unsupported_node(body);
-    if (report->unsupported_component_node >= 0)
+    if (sbi_body_find_loose(body, &loose, NULL) != SB_OK)
+        return SB_ERROR_MEMORY;
+    report->unsupported_component_node = loose.node;
+    if (loose.node >= 0 || loose.rigid > 0)
         report->warnings |= SB_CHECK_UNSUPPORTED;
     return SB_OK;
 }

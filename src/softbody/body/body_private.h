@@ -594,6 +594,14 @@ SBI_API sb_result sbi_body_reserve_ties(sb_body *body, const sbi_body_rows *rows
 /* A node of the first connected part whose supports, springs, mappings and constraints leave a rigid motion free, or
  * -1. */
 SBI_API int sbi_body_unsupported_node(const sb_body *body);
+/* What that is found by: r += weight times what the six rigid motions of its part do to one axis of a node. */
+SBI_API void sbi_body_add_motion(const sb_body *body, int node, int axis, double weight, double r[6]);
+/* Block (row, column) of six by six of a gram with `stride` numbers a row += r s^T. */
+SBI_API void sbi_body_add_gram(double *gram, size_t stride, int row, int column, const double *r, const double *s);
+/* A rigid motion that a gram of 6 size numbers holds not, or -1. Uses it up; traces: [parts] */
+SBI_API int sbi_body_free_motion(double *gram, int parts, double *traces);
+/* support_grams and tie_gram = what holds each part: supports, springs, mappings and constraints. */
+SBI_API void sbi_body_gather_holds(const sb_body *body);
 
 /* Axes of node i, as bits, that no equation of the solved system is for: supported or a constraint's slave. */
 SB_INLINE unsigned sbi_body_held(const sb_body *body, int i)

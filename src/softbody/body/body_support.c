@@ -451,8 +451,7 @@ static void sbi_body_arm(const sb_body *body, int node, double arm[3])
     arm[2] = ((double)x.z - 0.5 * ((double)low.z + (double)high.z)) / size;
 }
 
-/* r += weight times what the six rigid motions do to one axis of a node. */
-static void sbi_body_add_motion(const sb_body *body, int node, int axis, double weight, double r[6])
+SBI_API void sbi_body_add_motion(const sb_body *body, int node, int axis, double weight, double r[6])
 {
     double arm[3];
     sbi_body_arm(body, node, arm);
@@ -461,8 +460,7 @@ static void sbi_body_add_motion(const sb_body *body, int node, int axis, double 
     r[3 + (axis + 2) % 3] -= weight * arm[(axis + 1) % 3];
 }
 
-/* Block (row, column) of six by six of a gram with `stride` numbers a row += r s^T. */
-static void sbi_body_add_gram(double *gram, size_t stride, int row, int column, const double *r, const double *s)
+SBI_API void sbi_body_add_gram(double *gram, size_t stride, int row, int column, const double *r, const double *s)
 {
     for (int i = 0; i < 6; i++)
         for (int j = 0; j < 6; j++)
@@ -557,7 +555,7 @@ static void sbi_body_hold_row(const sb_body *body, const sbi_body_row *row)
 
 /* Gauss elimination of a gram of 6 size numbers with diagonal pivots: -1 when it has full rank, else one of the rigid
  * motions that are free. Arms are of order 1, so pivots compare with the trace of their part. */
-static int sbi_body_free_motion(double *gram, int parts, double *traces)
+SBI_API int sbi_body_free_motion(double *gram, int parts, double *traces)
 {
     int size = 6 * parts;
     size_t n = (size_t)size;
@@ -681,8 +679,7 @@ static int sbi_body_is_held_by_supports(const sb_body *body)
     return 1;
 }
 
-/* Sums what holds each part: supports, springs, mappings and constraints. */
-static void sbi_body_gather_holds(const sb_body *body)
+SBI_API void sbi_body_gather_holds(const sb_body *body)
 {
     size_t stride = 6 * (size_t)body->tie_count;
     sbi_body_hold_supports(body);

@@ -136,8 +136,11 @@ SBI_API void sbi_rigids_count(const sb_body *body, int *unknowns, int *nodes)
 
 SBI_API void sbi_body_reset_rigids(sb_body *body)
 {
-    for (int k = 0; body->rigids && k < body->rigids->count; k++)
-        body->rigids->list[k]->now = body->rigids->list[k]->home;
+    for (int k = 0; body->rigids && k < body->rigids->count; k++) {
+        sbi_rigid *r = body->rigids->list[k];
+        r->now = r->home;
+        memset(r->equilibrated, 0, sizeof r->equilibrated);
+    }
 }
 
 /* ---- masses and frames ---- */

@@ -20,31 +20,43 @@ typedef struct sbi_rigid_state {
     double wrench[6];       /* N, N m about the centre: the tissue's on it, in the last step */
 } sbi_rigid_state;
 
+/* In statics, a torque t that keeps its direction: it has no potential, and what is antisymmetric in how it balances,
+ * dth x t / 2, is found by solving again with what the turn of the last solve makes of it. */
+enum { SBI_RIGID_SECANTS = 2 }; /* as many as it has ranks */
+typedef struct sbi_rigid_skew {
+    double torque[3], before[3]; /* what the rows have of it now, and a round before */
+    double left[3];              /* what was missing to what came of it */
+    double torques[SBI_RIGID_SECANTS][3], lefts[SBI_RIGID_SECANTS][3]; /* differences between rounds, the last first */
+    int known;                                                         /* of them */
+} sbi_rigid_skew;
+
 /* The step under way. Rotations from the turn at its start are exp(th), th the last three unknowns; `start` vectors are
  * what is in its frame, turned by the turn at the start, which does not change in the step. */
 typedef struct sbi_rigid_step {
-    int starts;              /* see sbi_guest_step */
-    int keeps_momentum;      /* 1: of implicit Euler, R J w - (R J w)_n = dt t; else J w' + w x J w = R^T t */
-    int rounds;              /* times that it was solved on with what its turn changes */
-    const sb_matrix *matrix; /* of the system that is solved */
-    double dt, level, cv, ca;
-    double gravity[3];
-    double frame[9];                       /* turn at the start */
-    double inertia[9];                     /* start: R J R^T */
-    double spin[3];                        /* start: w_n */
+    int starts;                 /* see sbi_guest_step */
+    int keeps_momentum;         /* 1: of implicit Euler, R J w - (R J w)_n = dt t; else J w' + w x J w = R^T t */
+    int rounds;                 /* times that it was solved on with what its turn changes */
+    const sb_matrix *matrix;    /* of the system that is solved */
+    double dt, level, cv, ca;   /* dt 0: statics, in an increment */
+    double load[6], gravity[3]; /* N, N m; m/s^2 */
+    double frame[9];            /* turn at the start */
+    double inertia[9];          /* start: R J R^T */
+    double spin[3];             /* start: w_n */
     double velocity0[3], acceleration0[3]; /* of the centre, see sbi_guest_step */
     double spin0[3], spin_rate0[3];        /* start */
     double at[6], left[6];                 /* unknowns that its rows are made at, and what is out of balance there */
     double slope[9];                       /* d turn / d th there: the left Jacobian of exp */
-    double mass_slope[9];                  /* stiffness that its inertia has (N m) */
+    double mass_slope[9];                  /* stiffness that its inertia has, or in statics its arms' turning (N m) */
     double factor[36], scale[6];           /* Cholesky factor of its block, whose rows and columns were scaled */
-    double found[6];                       /* of `starts`: accelerations, start */
+    sbi_rigid_skew skew;
+    double found[6]; /* of `starts`: accelerations, start */
 } sbi_rigid_step;
 
 typedef struct sbi_rigid {
     int id;
     double mass, inertia[9];          /* kg, kg m^2 in its frame */
     double load[6];                   /* N, N m */
+    double equilibrated[6];           /* N, N m: load and weight that the last static solve ended with */
     sbi_rigid_state now, saved, home; /* saved: at the start of a step; home: when it was added, at rest */
     int count, capacity;
     int *hung;        /* [count] nodes, ascending */
@@ -119,11 +131,37 @@ SBI_API void sbi_rigid_make_guest(sbi_rigid *rigid, const int *nodes, int count)
 SBI_API sb_result sbi_rigids_join(sbi_step *step, const sbi_guest *const **guests, int *count);
 /* The step has its balance: what the tissue does to them. Uses body->work and work2. */
 SBI_API void sbi_rigids_read(const sbi_step *step);
+/* Its wrench, from what is left over at nodes (N) without it, the arms being those of there. */
+SBI_API void sbi_rigid_read_wrench(sbi_rigid *rigid, const sb_vec3 *left);
+/* turn = exp(th) turn, at unit length. */
+SBI_API void sbi_rigid_turn_by(const double th[3], double turn[4]);
 /* Their motion at the end of the step. SB_ERROR_DIVERGED. */
 SBI_API sb_result sbi_rigids_finish(sbi_step *step);
 /* Nodes that hang go to where they have them by now. */
 SBI_API void sbi_rigids_place(const sb_body *body, sb_vec3 *displacement);
 SBI_API void sbi_rigids_save(sb_body *body);
 SBI_API void sbi_rigids_restore(sb_body *body);
+
+/* ---- rigid_static.c: of static solves ---- */
+/* The step's guests are those of the body, with their memory; before it is begun. SB_ERROR_UNSUPPORTED. */
+SBI_API sb_result sbi_rigids_begin_static(sbi_step *step);
+/* A load increment begins, or has its balance. */
+SBI_API void sbi_rigids_begin_increment(sbi_step *step);
+SBI_API void sbi_rigids_end_increment(sbi_step *step);
+/* Work (J) of their loads since the solve began, in magnitude, of those in a part of the matrix; -1: of all. */
+SBI_API double sbi_rigids_work(const sbi_step *step, int part);
+/* The solve is done, at rest: work has what is left over at nodes. */
+SBI_API void sbi_rigids_end_static(sbi_step *step);
+
+/* ---- rigid_hold.c ---- */
+/* What can move freely: a part of the mesh, by one of its nodes, or a rigid body, by its id, and a node that hangs on
+ * it; -1 and 0: nothing. */
+typedef struct sbi_loose {
+    int node, rigid;
+} sbi_loose;
+SBI_API sb_result sbi_body_find_loose(const sb_body *body, sbi_loose *loose, sb_error *error);
+/* SB_ERROR_UNCONSTRAINED where a part of the mesh or a rigid body can move freely (error->node: of the part, or one
+ * that hangs), SB_ERROR_MEMORY. */
+SBI_API sb_result sbi_body_check_held(const sb_body *body, sb_error *error);
 
 #endif /* SB_RIGID_PRIVATE_H */

@@ -222,10 +222,10 @@ static void sbi_rigid_balance(const sbi_rigid *r, const double x[6], double left
     sbi_rigid_inertia_torque(s, e, x + 3, torque, size);
     sbi_rigid_apply(e, torque, torque);
     for (int k = 0; k < 3; k++) {
-        left[k] = r->load[k] + r->mass * (s->gravity[k] - s->ca * x[k] - s->acceleration0[k]);
-        torque[k] = r->load[3 + k] - torque[k];
+        left[k] = s->load[k] + r->mass * (s->gravity[k] - s->ca * x[k] - s->acceleration0[k]);
+        torque[k] = s->load[3 + k] - torque[k];
     }
-    *size += sbi_rigid_norm(r->load + 3);
+    *size += sbi_rigid_norm(s->load + 3);
     sbi_rigid_tapply(s->slope, torque, left + 3);
 }
 
@@ -256,7 +256,7 @@ static void sbi_rigid_take_step(sbi_rigid *r, const sbi_guest_step *told)
     sbi_rigid_known(ka[0], r->now.velocity, ka[1], r->now.acceleration, s->acceleration0);
     sbi_rigid_known(kv[0], s->spin, kv[1], rate, s->spin0);
     sbi_rigid_known(ka[0], s->spin, ka[1], rate, s->spin_rate0);
-    if (!s->starts)
+    if (!s->starts && s->dt > 0)
         sbi_rigid_guess(r);
 }
 
@@ -374,6 +374,9 @@ static int sbi_rigid_turns_little(const double th[3]) { return sbi_rigid_norm(th
 
 static sb_result sbi_rigid_refuse_turn(const sbi_rigid *r, sb_error *error)
 {
+    if (!(r->step.dt > 0))
+        return sbi_fail(error, SB_ERROR_DIVERGED,
+                        "rigid body %d turns by half a turn in an increment: take more load_steps", r->id);
     return sbi_fail(error, SB_ERROR_DIVERGED,
                     "rigid body %d turns by half a turn in a step of %g s: take a shorter one", r->id, r->step.dt);
 }
@@ -395,6 +398,7 @@ static void sbi_rigid_renew(void *user, const double *x)
         sbi_rigid_apply(s->frame, r->lever[k], arm);
         sbi_rigid_apply(e, arm, r->y[k]);
     }
+    memset(&s->skew, 0, sizeof s->skew);
     memcpy(s->at, x, sizeof s->at);
     sbi_rigid_balance(r, s->at, s->left, &size);
     /* H^T E J E^T H = H J H^T */
@@ -419,6 +423,49 @@ static int sbi_rigid_make_block(sbi_rigid *r)
     return sbi_rigid_factor(&r->step, block);
 }
 
+/* m without its negative eigenvalues; symmetric. */
+static void sbi_rigid_clamp(double m[9])
+{
+    sb_mat3 a, v;
+    sb_vec3 d;
+    double values[3];
+    for (int k = 0; k < 9; k++)
+        a.m[k / 3][k % 3] = (sb_real)m[k];
+    sb_m3_eigen(a, &d, &v);
+    values[0] = (double)d.x, values[1] = (double)d.y, values[2] = (double)d.z;
+    for (int i = 0; i < 3; i++)
+        for (int j = 0; j < 3; j++) {
+            m[3 * i + j] = 0;
+            for (int k = 0; k < 3; k++)
+                m[3 * i + j] += fmax(values[k], 0) * (double)v.m[i][k] * (double)v.m[j][k];
+        }
+}
+
+/* What forces left over at the nodes that hang, f, change the torque by when their arms turn:
+ *     dth.G dth = sum f.(dth x (dth x y)), G = sum (f y^T + y f^T) / 2 - (f.y) 1,
+ * to the stiffness. What the torque of these forces and the load's leave out of balance plays no part in it: it is none
+ * at the end. */
+static void sbi_rigid_add_turning(sbi_rigid *r, const sb_vec3 *left, int is_exact)
+{
+    double turning[9] = {0, 0, 0, 0, 0, 0, 0, 0, 0}, transposed[9], out[9];
+    for (int k = 0; k < r->guest.node_count; k++) {
+        const double *y = r->y[k];
+        double f[3], along;
+        sbi_rigid_get(left[r->active[k]], f);
+        along = f[0] * y[0] + f[1] * y[1] + f[2] * y[2];
+        for (int i = 0; i < 3; i++)
+            for (int j = 0; j < 3; j++)
+                turning[3 * i + j] += (f[i] * y[j] + y[i] * f[j]) / 2 - (i == j ? along : 0);
+    }
+    if (!is_exact)
+        sbi_rigid_clamp(turning);
+    for (int k = 0; k < 9; k++)
+        transposed[k] = r->step.slope[3 * (k % 3) + k / 3];
+    sbi_rigid_turn_matrix(transposed, turning, out);
+    for (int k = 0; k < 9; k++)
+        r->step.mass_slope[k] += out[k];
+}
+
 static sb_result sbi_rigid_begin(void *user, const sbi_guest_step *told, sb_error *error)
 {
     sbi_rigid *r = (sbi_rigid *)user;
@@ -429,6 +476,8 @@ static sb_result sbi_rigid_begin(void *user, const sbi_guest_step *told, sb_erro
     r->step.matrix = told->matrix;
     r->step.rounds = 0;
     sbi_rigid_renew(r, r->unknown);
+    if (told->left)
+        sbi_rigid_add_turning(r, told->left, told->is_exact);
     return sbi_rigid_make_block(r) ? SB_OK : SB_ERROR_INDEFINITE;
 }
 
@@ -448,6 +497,8 @@ static void sbi_rigid_predict(const sbi_rigid *r, const double x[6], double left
     sbi_rigid_stiffness(r, way, y);
     for (int k = 0; k < 6; k++)
         left[k] = r->step.left[k] - y[k];
+    for (int k = 0; k < 3; k++)
+        left[3 + k] += r->step.skew.torque[k];
 }
 
 static void sbi_rigid_residual(void *user, const double *x, double *y)
@@ -539,6 +590,78 @@ static double sbi_rigid_gap(const sbi_rigid *r, const double *x)
     return most > 0 ? gap / most : 0;
 }
 
+static void sbi_rigid_subtract(const double a[3], const double b[3], double out[3])
+{
+    for (int k = 0; k < 3; k++)
+        out[k] = a[k] - b[k];
+}
+
+static double sbi_rigid_dot(const double a[3], const double b[3]) { return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]; }
+
+/* The torque by which the rounds so far tell that nothing is left: of those differences that are no multiples of the
+ * last (least squares; Anderson 1965). */
+static void sbi_rigid_guess_skew(sbi_rigid_skew *w)
+{
+    double share[SBI_RIGID_SECANTS] = {0, 0}, a, b, c, f, g, det;
+    a = w->known > 0 ? sbi_rigid_dot(w->lefts[0], w->lefts[0]) : 0;
+    f = w->known > 0 ? sbi_rigid_dot(w->lefts[0], w->left) : 0;
+    share[0] = a > 0 ? f / a : 0;
+    if (w->known > 1) {
+        b = sbi_rigid_dot(w->lefts[0], w->lefts[1]);
+        c = sbi_rigid_dot(w->lefts[1], w->lefts[1]);
+        g = sbi_rigid_dot(w->lefts[1], w->left);
+        det = a * c - b * b;
+        if (det > 1e-6 * a * c) {
+            share[0] = (c * f - b * g) / det;
+            share[1] = (a * g - b * f) / det;
+        }
+    }
+    memcpy(w->before, w->torque, sizeof w->before);
+    for (int k = 0; k < 3; k++) {
+        w->torque[k] += w->left[k];
+        for (int i = 0; i < w->known; i++)
+            w->torque[k] -= share[i] * (w->torques[i][k] + w->lefts[i][k]);
+    }
+}
+
+/* Notes what is missing to `wanted`, and how it has changed with the rows. */
+static void sbi_rigid_note_skew(sbi_rigid_skew *w, const double wanted[3], int again)
+{
+    double left[3];
+    sbi_rigid_subtract(wanted, w->torque, left);
+    if (again) {
+        memmove(w->torques + 1, w->torques, sizeof w->torques - sizeof w->torques[0]);
+        memmove(w->lefts + 1, w->lefts, sizeof w->lefts - sizeof w->lefts[0]);
+        sbi_rigid_subtract(w->torque, w->before, w->torques[0]);
+        sbi_rigid_subtract(left, w->left, w->lefts[0]);
+        w->known = sbi_min_int(w->known + 1, SBI_RIGID_SECANTS);
+    }
+    memcpy(w->left, left, sizeof left);
+}
+
+/* 2: the solve goes on with another torque in the rows, whose turns are where they belong. */
+static int sbi_rigid_settle_skew(sbi_rigid *r, const double *x)
+{
+    const double enough = 0.02; /* of what it could be, which is a share of what an iteration of Newton leaves */
+    sbi_rigid_step *s = &r->step;
+    double turn[3], wanted[3], most;
+    if (s->rounds == SBI_RIGID_ROUNDS || sbi_rigid_norm(s->load + 3) == 0)
+        return 0;
+    sbi_rigid_subtract(x + 3, s->at + 3, turn);
+    sbi_rigid_apply(s->slope, turn, turn);
+    most = sbi_rigid_norm(s->load + 3) * sbi_rigid_norm(turn) / 2;
+    sbi_rigid_cross(s->load + 3, turn, wanted);
+    for (int k = 0; k < 3; k++)
+        wanted[k] /= 2;
+    sbi_rigid_tapply(s->slope, wanted, wanted);
+    sbi_rigid_note_skew(&s->skew, wanted, s->rounds > 0);
+    if (!(sbi_rigid_norm(s->skew.left) > enough * most))
+        return 0;
+    sbi_rigid_guess_skew(&s->skew);
+    s->rounds++;
+    return 2;
+}
+
 /* Where the turn has left what its rows were made of, the solve goes on with rows of there: nodes are where it has
  * them then, also when they have moved in one solve by a finite turn, and its own inertia balances. */
 static int sbi_rigid_settle(void *user, const double *x)
@@ -552,6 +675,8 @@ static int sbi_rigid_settle(void *user, const double *x)
             s->found[k] = s->ca * x[k];
         return 0;
     }
+    if (!(s->dt > 0))
+        return sbi_rigid_settle_skew(r, x);
     if (s->rounds == SBI_RIGID_ROUNDS || !sbi_rigid_turns_little(x + 3))
         return 0;
     sbi_rigid_balance(r, x, left, &size);
@@ -644,6 +769,7 @@ static sb_result sbi_rigid_activate(const sb_body *body, sbi_rigid *r, sb_error 
     sbi_rigid_make_guest(r, r->active, count);
     memset(r->unknown, 0, sizeof r->unknown);
     memset(&r->step, 0, sizeof r->step);
+    memcpy(r->step.load, r->load, sizeof r->load);
     r->step.gravity[0] = (double)body->gravity.x;
     r->step.gravity[1] = (double)body->gravity.y;
     r->step.gravity[2] = (double)body->gravity.z;
@@ -701,26 +827,45 @@ static void sbi_rigids_find_left(const sbi_step *step)
         }
 }
 
+SBI_API void sbi_rigid_read_wrench(sbi_rigid *r, const sb_vec3 *left)
+{
+    double *wrench = r->now.wrench;
+    memset(wrench, 0, sizeof r->now.wrench);
+    for (int i = 0; i < r->guest.node_count; i++) {
+        sb_vec3 v = left[r->active[i]];
+        double f[3] = {(double)v.x, (double)v.y, (double)v.z}, moment[3];
+        sbi_rigid_cross(r->y[i], f, moment);
+        for (int c = 0; c < 3; c++) {
+            wrench[c] -= f[c];
+            wrench[3 + c] -= moment[c];
+        }
+    }
+}
+
 SBI_API void sbi_rigids_read(const sbi_step *step)
 {
     sb_body *b = step->body;
     if (!b->rigids || b->rigids->count == 0)
         return;
     sbi_rigids_find_left(step);
-    for (int k = 0; k < b->rigids->count; k++) {
-        sbi_rigid *r = b->rigids->list[k];
-        double *wrench = r->now.wrench;
-        memset(wrench, 0, sizeof r->now.wrench);
-        for (int i = 0; i < r->guest.node_count; i++) {
-            sb_vec3 v = b->work[r->active[i]];
-            double f[3] = {(double)v.x, (double)v.y, (double)v.z}, moment[3];
-            sbi_rigid_cross(r->y[i], f, moment);
-            for (int c = 0; c < 3; c++) {
-                wrench[c] -= f[c];
-                wrench[3 + c] -= moment[c];
-            }
-        }
-    }
+    for (int k = 0; k < b->rigids->count; k++)
+        sbi_rigid_read_wrench(b->rigids->list[k], b->work);
+}
+
+SBI_API void sbi_rigid_turn_by(const double th[3], double turn[4])
+{
+    double q[4], before[4], length = 0;
+    memcpy(before, turn, sizeof before);
+    sbi_rigid_exp(th, q);
+    turn[0] = q[0] * before[0] - q[1] * before[1] - q[2] * before[2] - q[3] * before[3];
+    turn[1] = q[0] * before[1] + q[1] * before[0] + q[2] * before[3] - q[3] * before[2];
+    turn[2] = q[0] * before[2] + q[2] * before[0] + q[3] * before[1] - q[1] * before[3];
+    turn[3] = q[0] * before[3] + q[3] * before[0] + q[1] * before[2] - q[2] * before[1];
+    for (int k = 0; k < 4; k++)
+        length += turn[k] * turn[k];
+    length = sqrt(length);
+    for (int k = 0; k < 4; k++)
+        turn[k] /= length;
 }
 
 /* Motion of one at the end of the step, of its unknowns where forces balance. */
@@ -730,7 +875,7 @@ static sb_result sbi_rigid_finish(sbi_step *step, sbi_rigid *r, const double x[6
     const sbi_rigid_state before = r->now;
     sbi_rigid_state *now = &r->now;
     double level = (double)step->level, inertia_level = (double)step->inertia_level;
-    double end[3], q[4], v[3], w[3], rate[3], length = 0;
+    double end[3], v[3], w[3], rate[3];
     for (int k = 0; k < 3; k++) {
         end[k] = x[3 + k] / level;
         now->centre[k] += x[k] / level;
@@ -749,16 +894,7 @@ static sb_result sbi_rigid_finish(sbi_step *step, sbi_rigid *r, const double x[6
         }
         sbi_rigid_tapply(s->frame, rate, now->spin_rate);
     }
-    sbi_rigid_exp(end, q);
-    now->turn[0] = q[0] * before.turn[0] - q[1] * before.turn[1] - q[2] * before.turn[2] - q[3] * before.turn[3];
-    now->turn[1] = q[0] * before.turn[1] + q[1] * before.turn[0] + q[2] * before.turn[3] - q[3] * before.turn[2];
-    now->turn[2] = q[0] * before.turn[2] + q[2] * before.turn[0] + q[3] * before.turn[1] - q[1] * before.turn[3];
-    now->turn[3] = q[0] * before.turn[3] + q[3] * before.turn[0] + q[1] * before.turn[2] - q[2] * before.turn[1];
-    for (int k = 0; k < 4; k++)
-        length += now->turn[k] * now->turn[k];
-    length = sqrt(length);
-    for (int k = 0; k < 4; k++)
-        now->turn[k] /= length;
+    sbi_rigid_turn_by(end, now->turn);
     for (int k = 0; k < 3; k++)
         if (now->velocity[k] - now->velocity[k] != 0 || now->spin[k] - now->spin[k] != 0 ||
             now->acceleration[k] - now->acceleration[k] != 0 || now->spin_rate[k] - now->spin_rate[k] != 0)

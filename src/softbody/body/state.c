@@ -117,6 +117,7 @@ typedef struct sbi_state_walk {
     int new_equations;
     sbi_elimination *elimination;
     int new_rigids; /* 1: the image's are not those of the body */
+    int rigid_count;
     sbi_rigids *rigids;
 } sbi_state_walk;
 
@@ -1531,6 +1532,7 @@ static void sbi_state_rigids(sb_body *body, sbi_state_walk *walk)
     sbi_rigids *own = body->rigids;
     int last = sbi_state_int(walk, own ? own->last_id : 0, 1, INT32_MAX, "last id of a rigid body"), after = 0;
     int count = sbi_state_int(walk, own ? own->count : 0, 0, SB_MAX_RIGID, "number of rigid bodies");
+    walk->rigid_count = count;
     if (walk->pass == SBI_STATE_CHECK)
         walk->new_rigids = !own || own->count != count;
     if (walk->pass == SBI_STATE_RESERVE && walk->new_rigids) {
@@ -1552,6 +1554,25 @@ static void sbi_state_rigids(sb_body *body, sbi_state_walk *walk)
         walk->rigids = NULL;
     }
     body->rigids->last_id = last;
+}
+
+static int sbi_state_has_rigid_loads(const sb_body *body)
+{
+    for (int k = 0; body->rigids && k < body->rigids->count; k++)
+        for (int i = 0; i < 6; i++)
+            if (body->rigids->list[k]->equilibrated[i] != 0)
+                return 1;
+    return 0;
+}
+
+/* What a static solve ended with, where there was one. */
+static void sbi_state_rigid_loads(sb_body *body, sbi_state_walk *walk)
+{
+    for (int k = 0; k < walk->rigid_count && walk->result == SB_OK; k++) {
+        double none[6] = {0, 0, 0, 0, 0, 0};
+        int has = !sbi_state_is_image(walk) || walk->pass == SBI_STATE_READ;
+        sbi_state_doubles(walk, has ? body->rigids->list[k]->equilibrated : none, 6);
+    }
 }
 
 /* ---- a mesh that may change ---- */
@@ -1949,6 +1970,7 @@ static const sbi_state_own sbi_state_owns[] = {
     {11, sbi_state_follow},
     {12, sbi_state_constraints},
     {26, sbi_state_rigids},
+    {27, sbi_state_rigid_loads},
     {6, sbi_state_rotations},
     {13, sbi_state_prony},
     {7, sbi_state_motion},
@@ -1986,6 +2008,11 @@ static int sbi_state_enters_part(sb_body *body, const sbi_state_walk *walk, cons
             sbi_rigids_free(&body->allocator, body->rigids);
             body->rigids = NULL;
         }
+        return 0;
+    }
+    if (part->walk == sbi_state_rigid_loads && !sbi_state_has_part(walk, part, sbi_state_has_rigid_loads(body))) {
+        for (int k = 0; reads && body->rigids && k < body->rigids->count; k++)
+            memset(body->rigids->list[k]->equilibrated, 0, sizeof body->rigids->list[k]->equilibrated);
         return 0;
     }
     if (part->walk == sbi_state_prestretch)

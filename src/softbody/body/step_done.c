@@ -2,13 +2,15 @@
  * neither measured by what clamps hold. */
 #include <math.h>
 
+#include "rigid_private.h"
 #include "step_private.h"
 
 /* Work (J) of the loads and of supports that move, since the solve began; not of forces that cancel each other. */
-static double sbi_static_work_done(const sb_body *b, int part)
+static double sbi_static_work_done(const sbi_step *step, int part)
 {
+    const sb_body *b = step->body;
     sbi_static_nodes nodes = sbi_static_part(b, part);
-    double work = 0;
+    double work = step->guests_begun ? sbi_rigids_work(step, part) : 0;
     for (int k = 0; k < nodes.count; k++) {
         int i = sbi_static_node(&nodes, k);
         unsigned held = sbi_body_held(b, i), fixed = b->fixed[i];
@@ -40,11 +42,14 @@ SBI_API sb_real sbi_static_floor(const sbi_step *step)
 static void sbi_static_precondition(sbi_step *step)
 {
     sb_body *b = step->body;
+    sb_preconditioner *precond = b->elimination ? b->elimination->precond : b->precond;
     const sb_vec3 *r = sbi_step_unbalanced(step), zero = sb_v3(0, 0, 0);
     for (int i = 0; i < b->domain.node_count; i++)
         b->rhs[i] = sbi_body_pick_axes(sbi_body_held(b, i), zero, r[i]);
-    sbi_precond_apply_symmetric(b->elimination ? b->elimination->precond : b->precond, &b->rhs[0].x, &b->work[0].x,
-                                (double)step->norm, &b->work2[0].x);
+    if (step->guests_begun)
+        sbi_step_precondition_guests(step, precond, b->rhs, b->work);
+    else
+        sbi_precond_apply_symmetric(precond, &b->rhs[0].x, &b->work[0].x, (double)step->norm, &b->work2[0].x);
 }
 
 /* r.K^-1 r over the work done, of a part. */
@@ -53,12 +58,13 @@ static double sbi_static_part_energy(const sbi_step *step, int part)
     const sb_body *b = step->body;
     const double rounding = 16 * (double)SB_EPSILON, caution = 2; /* solves meet the smallest eigenvalue from above */
     sbi_static_nodes nodes = sbi_static_part(b, part);
-    double sum = 0, least = rounding * rounding * (double)b->assembly.energy_unit;
+    double sum = step->guests_begun ? sbi_step_guest_energy(step, part) : 0,
+           least = rounding * rounding * (double)b->assembly.energy_unit;
     for (int k = 0; k < nodes.count; k++) {
         sb_vec3 r = b->rhs[sbi_static_node(&nodes, k)], z = b->work[sbi_static_node(&nodes, k)];
         sum += (double)r.x * (double)z.x + (double)r.y * (double)z.y + (double)r.z * (double)z.z;
     }
-    return caution * fabs(sum) * fmax(1, b->pcg.record->softest) / fmax(sbi_static_work_done(b, part), least);
+    return caution * fabs(sum) * fmax(1, b->pcg.record->softest) / fmax(sbi_static_work_done(step, part), least);
 }
 
 /* The report's energy and increment. */
@@ -114,10 +120,7 @@ static int sbi_static_has_stalled(sbi_step *step)
 }
 
 /* Tools that press have no share in the tangent that the last system's preconditioner was made of. */
-static int sbi_static_is_measurable(const sbi_step *step)
-{
-    return !step->touch && !step->guests_begun && !step->forces_only;
-}
+static int sbi_static_is_measurable(const sbi_step *step) { return !step->touch && !step->forces_only; }
 
 SBI_API int sbi_static_is_done(sbi_step *step)
 {

@@ -63,6 +63,9 @@ SBI_API sb_result sbi_step_take_guests(sbi_step *step, const sbi_guest *const *l
     return SB_OK;
 }
 
+/* 1: of a static solve; the search for accelerations has no time step either. */
+static int sbi_step_is_static(const sbi_step *step) { return !step->dynamic && !step->starts; }
+
 static sbi_guest_step sbi_step_tell_guests(const sbi_step *step, const sb_matrix *matrix)
 {
     const sb_body *b = step->body;
@@ -86,6 +89,9 @@ static sbi_guest_step sbi_step_tell_guests(const sbi_step *step, const sb_matrix
     }
     told.level = (double)step->level;
     told.inertia_level = (double)step->inertia_level;
+    if (sbi_step_is_static(step) && step->kind != SB_TANGENT_QUASI)
+        told.left = b->elimination ? b->elimination->reduced : b->residual;
+    told.is_exact = step->kind == SB_TANGENT_EXACT;
     return told;
 }
 
@@ -154,6 +160,15 @@ static void sbi_step_renew_guests(const sbi_step *step)
     }
 }
 
+/* The base of an increment is where the guest is: its unknowns count from there, its nodes from the start. */
+static void sbi_step_begin_base(const sbi_guest_work *work)
+{
+    const sbi_guest *guest = work->guest;
+    for (int k = 0; k < guest->unknown_count; k++)
+        work->base[k] = work->first[k];
+    guest->place(guest->user, work->base, work->base + guest->unknown_count);
+}
+
 SBI_API sb_result sbi_step_begin_guests(sbi_step *step, sb_matrix *matrix)
 {
     sbi_guest_space *space = sbi_step_guest_space(step);
@@ -171,6 +186,8 @@ SBI_API sb_result sbi_step_begin_guests(sbi_step *step, sb_matrix *matrix)
         result = work->guest->begin ? work->guest->begin(work->guest->user, &told, error) : SB_OK;
         if (result != SB_OK)
             return error->result == result ? result : sbi_fail(error, result, "guest %d cannot begin a step", g);
+        if (sbi_step_is_static(step) && step->iteration == 0 && work->guest->place) /* of any increment */
+            sbi_step_begin_base(work);
     }
     sbi_step_place_increments(step);
     return SB_OK;
@@ -220,6 +237,42 @@ SBI_API double sbi_step_guest_square(const sbi_step *step, int part)
     for (int g = 0; g < space->count; g++)
         if (space->work[g].part >= 0 && (part < 0 || space->work[g].part == part))
             sum += space->work[g].sums[0];
+    return sum;
+}
+
+static int sbi_step_guest_is_in(const sbi_guest_work *work, int part) { return part < 0 || work->part == part; }
+
+SBI_API sb_real sbi_step_guest_load(const sbi_step *step, int part)
+{
+    const sbi_guest_space *space = sbi_step_guest_space(step);
+    double sum = 0;
+    for (int g = 0; g < space->count; g++) {
+        sbi_guest_work *work = space->work + g;
+        if (work->size == 0 || !sbi_step_guest_is_in(work, part))
+            continue;
+        sbi_guest_force(work);
+        work->guest->precondition(work->guest->user, work->out, work->in);
+        for (int k = 0; k < work->guest->unknown_count; k++)
+            sum += work->out[k] * work->in[k];
+    }
+    return (sb_real)sqrt(space->scale * sum);
+}
+
+SBI_API void sbi_step_precondition_guests(const sbi_step *step, sb_preconditioner *precond, const sb_vec3 *r,
+                                          sb_vec3 *out)
+{
+    sbi_guest_precondition(sbi_step_guest_space(step), precond, &r[0].x, &out[0].x, (double)step->norm);
+}
+
+SBI_API double sbi_step_guest_energy(const sbi_step *step, int part)
+{
+    const sbi_guest_space *space = sbi_step_guest_space(step);
+    double sum = 0;
+    for (int g = 0; g < space->count; g++) {
+        const sbi_guest_work *work = space->work + g;
+        for (size_t k = 0; k < work->size && sbi_step_guest_is_in(work, part); k++)
+            sum += work->residual[k] * work->correction[k];
+    }
     return sum;
 }
 

@@ -156,6 +156,13 @@ SBI_API sb_result sbi_step_begin_guests(sbi_step *step, sb_matrix *matrix);
 SBI_API void sbi_step_guest_residual(sbi_step *step, const sb_matrix *parts);
 /* The guests' part of the norm's square in this part (N^2); -1: of all that lie in one. */
 SBI_API double sbi_step_guest_square(const sbi_step *step, int part);
+/* Of static solves: the loads of guests in this part, or of all (-1), as forces on the mean node (N). */
+SBI_API sb_real sbi_step_guest_load(const sbi_step *step, int part);
+/* Of static solves: r.K^-1 r (J) of guests' own rows in this part, or of all (-1); out = K^-1 r of the nodes', both by
+ * the last system's preconditioner, which this uses. */
+SBI_API void sbi_step_precondition_guests(const sbi_step *step, sb_preconditioner *precond, const sb_vec3 *r,
+                                          sb_vec3 *out);
+SBI_API double sbi_step_guest_energy(const sbi_step *step, int part);
 /* 1 when the rows of guests that lie in no part meet the tolerance, too, or are no more than `rounding` (N). */
 SBI_API int sbi_step_lone_guests_meet(const sbi_step *step, sb_real rounding);
 /* Taken nodes of guests that place them, a share of the way that the last solve found; `displacement` has the others.

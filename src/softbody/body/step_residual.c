@@ -251,6 +251,10 @@ static void sbi_step_scale_statics(sbi_step *step)
     int parts = sbi_step_parts(b)->part_count;
     sb_real held = sbi_step_norm(b, b->internal, SBI_STEP_HELD);
     sbi_step_raise_scale(step, b->equilibrated, SBI_STEP_ALL);
+    for (int c = 0; step->guests_begun && parts > 1 && c < parts; c++)
+        b->part_scale[c] = sb_max(b->part_scale[c], sbi_step_guest_load(step, c));
+    if (step->guests_begun)
+        step->scale = sb_max(step->scale, sbi_step_guest_load(step, -1));
     step->scale = sb_max(step->scale, sbi_static_support_force(b, -1));
     step->held_scale = sb_max(step->scale, held);
     step->scale = sbi_step_limit_reactions(step, step->scale, held);

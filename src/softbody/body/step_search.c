@@ -29,6 +29,8 @@ static void sbi_step_add_guest_line(const sbi_step *step, sbi_step_line *line)
     if (step->guests.count == 0)
         return;
     sbi_guest_line(sbi_pcg_guests(&step->body->pcg), &step->body->increment[0].x, &linear, &quadratic);
+    if (!step->dynamic) /* what is of second order is of the ways that their nodes go: see sbi_step_bend_change */
+        quadratic = 0;
     line->slope += (sb_real)linear;
     line->linear += (sb_real)linear;
     line->quadratic += (sb_real)quadratic;
@@ -45,6 +47,25 @@ static void sbi_step_add_touch_line(sbi_step *step, sbi_step_line *line)
     else
         line->linear += line->touch;
     line->load_size += sb_abs(line->touch);
+}
+
+/* Of a static solve: work of the loads on nodes that guests place, a share t along the increment, whose ways bend; less
+ * that along it, which the line has. In a time step the next iterations have it, and the inertia beside it. The trial
+ * is in work2. */
+static sb_real sbi_step_bend_change(const sbi_step *step, sb_real t)
+{
+    const sb_body *b = step->body;
+    double work = 0;
+    for (int g = 0; !step->dynamic && g < step->guests.count; g++) {
+        const sbi_guest *guest = step->guests.list[g];
+        for (int k = 0; guest->place && k < guest->taken_count; k++) {
+            int i = guest->nodes[k];
+            sb_vec3 load = sb_v3_sub(b->internal[i], b->residual[i]);
+            sb_vec3 bend = sb_v3_sub(sb_v3_sub(b->work2[i], b->displacement[i]), sb_v3_scale(t, b->increment[i]));
+            work += (double)sb_v3_dot(load, bend);
+        }
+    }
+    return (sb_real)work;
 }
 
 /* What contact adds to the potential over a share t of the increment: the work against its forces, as if they rose
@@ -159,8 +180,14 @@ static sb_result sbi_step_take_mixed(sbi_step *step)
     enum { RISES = 3 };
     sb_body *b = step->body;
     int n = b->domain.node_count;
-    sb_real expected = step->moves_supports ? 0 : -sbi_step_dot(b->residual, b->increment, n);
+    sb_real expected = 0;
     sb_result result;
+    if (!step->moves_supports) {
+        sbi_step_line line = {0, 0, 0, 0, 0, 0};
+        line.slope = sbi_step_dot(b->residual, b->increment, n);
+        sbi_step_add_guest_line(step, &line);
+        expected = -line.slope;
+    }
     step->rises = step->expected > 0 && !(expected <= step->expected) ? step->rises + 1 : 0;
     step->expected = expected;
     if (step->rises >= RISES)
@@ -205,7 +232,8 @@ static sb_result sbi_step_move_supports(sbi_step *step)
  * energy is the one given; and what may be rounding in it. */
 static sb_real sbi_step_line_change(const sbi_step *step, const sbi_step_line *line, sb_real t, sb_real energy)
 {
-    return energy - step->energy + t * line->linear + t * t * line->quadratic + t * t * t * line->cubic;
+    return energy - step->energy + t * line->linear + t * t * line->quadratic + t * t * t * line->cubic -
+           sbi_step_bend_change(step, t);
 }
 
 static sb_real sbi_step_line_noise(const sbi_step *step, const sbi_step_line *line, sb_real t, sb_real energy)

@@ -83,8 +83,8 @@ static sb_result sbi_start_find(sbi_step *step, sb_real duration)
 SBI_API int sbi_static_may_start(const sbi_step *step, sb_start start)
 {
     const sb_body *b = step->body;
-    if (start == SB_START_PRESENT || step->info->newton_iterations > 0 || step->touch || b->domain.single_rotation ||
-        sbi_step_is_linear(b))
+    if (start == SB_START_PRESENT || step->info->newton_iterations > 0 || step->touch || step->given.count > 0 ||
+        b->domain.single_rotation || sbi_step_is_linear(b))
         return 0;
     for (int i = 0; start == SB_START_AUTO && i < b->domain.node_count; i++)
         if (sb_v3_dot(b->displacement[i], b->displacement[i]) > 0)

@@ -39,17 +39,10 @@ SBI_API sb_result sbi_static_check_options(const sb_static_options *options, sb_
 static sb_result sbi_static_check(sb_body *body, const sb_static_options *options, sb_error *error)
 {
     sb_result result;
-    int node;
     if (!body)
         return sbi_fail(error, SB_ERROR_ARGUMENT, "a static solve needs a body");
     result = sbi_static_check_options(options, error);
-    if (result != SB_OK)
-        return result;
-    node = sbi_body_unsupported_node(body);
-    if (node >= 0)
-        return sbi_fail_node(error, SB_ERROR_UNCONSTRAINED, node,
-                             "the part of the mesh with node %d can move freely: support it", node);
-    return SB_OK;
+    return result == SB_OK ? sbi_body_check_held(body, error) : result;
 }
 
 SBI_API void sbi_static_loads(sb_body *b, sb_real factor)
@@ -139,6 +132,7 @@ static sb_result sbi_static_run(sbi_step *step, const sb_static_options *options
         step->energy_known = step->cautious = 0;
         step->quasi = options->quasi_newton != 0;
         sbi_static_loads(b, step->load_factor);
+        sbi_rigids_begin_increment(step);
         step->iteration = step->done = 0;
         result = sbi_static_iterate(step, options);
         spent = step->info->newton_iterations - before;
@@ -154,6 +148,7 @@ static sb_result sbi_static_run(sbi_step *step, const sb_static_options *options
         }
         memcpy(b->converged, b->displacement, bytes);
         sbi_cavities_keep(b);
+        sbi_rigids_end_increment(step);
         reached = step->load_factor;
         step->info->load_factor = reached;
         step->info->load_steps++;
@@ -203,6 +198,7 @@ static void sbi_static_commit(sbi_step *step)
         for (int i = 0; !b->elimination && i < b->domain.node_count; i++)
             b->reaction[i] = sbi_body_pick_axes(b->node_component[i] < 0 ? 0 : b->fixed[i], b->work[i], zero);
     }
+    sbi_rigids_end_static(step);
     b->acceleration_known = 0;
 }
 
@@ -233,8 +229,6 @@ SB_API sb_result sb_body_solve_static(sb_body *body, const sb_static_options *op
     options = options ? options : &defaults;
     sbi_step_begin_info(info);
     result = sbi_static_check(body, options, &info->error);
-    if (result == SB_OK)
-        result = sbi_body_refuse_rigids(body, "static solves", &info->error);
     if (result != SB_OK)
         return result;
     begin = sbi_body_now(body);
@@ -249,6 +243,10 @@ SB_API sb_result sb_body_solve_static(sb_body *body, const sb_static_options *op
     step.line_search = 1;
     step.forces_only = options->forces_only;
     step.touch = body->touch;
+    step.level = step.inertia_level = 1;
+    result = sbi_rigids_begin_static(&step);
+    if (result != SB_OK)
+        return result;
     sbi_step_save(body);
     sbi_step_watch_folds(body, 0);
     sbi_step_enter(body, duration);
@@ -267,6 +265,7 @@ SB_API sb_result sb_body_solve_static(sb_body *body, const sb_static_options *op
         sbi_step_leave(body, duration);
         info->error = error;
     } else {
+        sbi_step_undo_guests(&step);
         sbi_step_undo_touch(&step);
         sbi_step_restore(body);
     }

@@ -6,6 +6,7 @@
 #include "../base/eigen.h"
 #include "body_private.h"
 #include "load.h"
+#include "rigid_private.h"
 #include "step_private.h"
 
 #define SBI_UNLOAD_COOKIE 0x0271adu
@@ -81,6 +82,8 @@ static sb_result sbi_unload_dress(sbi_unload *s, sb_real share, sb_error *error)
     s->is_refused = result != SB_OK;
     if (result != SB_OK && error->result != result)
         return sbi_fail(error, result, "def.dress returned %d (%s)", (int)result, sb_result_string(result));
+    if (result == SB_OK)
+        result = sbi_body_refuse_rigids(s->body, "searches for the shape without loads", error);
     node = result == SB_OK ? sbi_body_unsupported_node(s->body) : -1;
     if (node >= 0)
         return sbi_fail_node(error, SB_ERROR_UNCONSTRAINED, node,

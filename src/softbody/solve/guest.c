@@ -381,10 +381,10 @@ SBI_API int sbi_guest_settle(sbi_guest_space *space, sb_real *x)
         if (!work->guest->settle)
             continue;
         sbi_guest_gather_place(space, work, work->guest->unknown, x, x);
-        own = work->guest->settle(work->guest->user, work->in) != 0;
-        if (own && work->guest->place)
+        own = work->guest->settle(work->guest->user, work->in);
+        if (own == 1 && work->guest->place)
             sbi_guest_place_taken(space, work, x);
-        changed |= own;
+        changed |= own != 0;
     }
     space->rows_changed |= changed;
     return changed;

@@ -58,6 +58,9 @@ typedef struct sbi_guest_step {
     double known_acceleration[2]; /* 1/s, 1 */
     double level;         /* share of the step after which forces balance: 1 - alpha_f of generalised alpha, else 1 */
     double inertia_level; /* the same of inertia: 1 - alpha_m, else 1 */
+    const sb_vec3 *left; /* [row_count] what is out of balance without guests (N), elastic forces less loads, where A is
+                          * to tell how forces change that keep to ways which bend; NULL: it is not */
+    int is_exact;        /* 1: also where that makes it indefinite */
 } sbi_guest_step;
 
 typedef struct sbi_guest {
@@ -90,7 +93,7 @@ typedef struct sbi_guest {
      * better one. */
     sb_result (*begin)(void *user, const sbi_guest_step *step, sb_error *error);
     /* After a solve, x the solution: 0 when it stands, 1 when the guest has changed its rows (a friction state) and the
-     * solve must go on. */
+     * solve must go on, with placed nodes where unknowns put them; 2: with nodes where they are. */
     int (*settle)(void *user, const double *x);
     /* The step is done, x is where it balances: takes over its motion. Cannot fail. */
     void (*commit)(void *user, const double *x);
