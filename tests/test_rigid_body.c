@@ -706,7 +706,6 @@ static void test_errors(void)
     sb_error error;
     sb_rigid_motion motion;
     sb_constraint_term terms[2];
-    sb_real frequency;
     uint64_t hash;
     int id = -7, twice[2], outside[2] = {0, 1 << 20}, held[1] = {-1}, hung;
     const sb_vec3 nowhere = sb_v3(0, REAL(NAN), 0), none = sb_v3(0, 0, 0);
@@ -723,7 +722,6 @@ static void test_errors(void)
     terms[0].node = hung, terms[0].coefficient = 1;
     terms[1].node = t.nodes[1], terms[1].coefficient = 1;
     CHECK_RESULT(sb_body_add_constraint(t.body, terms, 2, 0, NULL, &error), SB_ERROR_ARGUMENT);
-    CHECK_RESULT(sb_body_modes(t.body, 1, NULL, &frequency, NULL, NULL, &error), SB_ERROR_UNSUPPORTED);
     CHECK_RESULT(sb_body_set_rigid_load(t.body, 99, none, none), SB_ERROR_INDEX);
     CHECK_RESULT(sb_body_set_rigid_load(NULL, t.id, none, none), SB_ERROR_ARGUMENT);
     CHECK_RESULT(sb_body_rigid_motion(t.body, 99, &motion), SB_ERROR_INDEX);

@@ -5,6 +5,8 @@
  * A and M themselves. Random vectors at the start, as many as modes are wanted, and a second handful before the end
  * see to it that no copy of a multiple frequency is missed.
  *
+ * Free rigid bodies have their six unknowns behind the nodes, and of nodes that hang on them nothing is left.
+ *
  * With constraints u = T u' all of this is about u' and T^T A T, T^T M T: slaves are 0 in the vectors, but in the
  * shapes that are handed out. */
 #include "modes.h"
@@ -34,6 +36,8 @@ typedef struct sbi_modes {
     sb_preconditioner *precond;
     sb_matrix *matrix; /* A: the body's matrix, or the one its elimination condenses */
     int nodes, count;
+    int length; /* of a vector: nodes, and two more for each free rigid body (rigid_modes.c) */
+    sbi_rigids_small rigids;
     int freedom;        /* degrees of freedom */
     int capacity, size; /* of the basis */
     int block;          /* residuals per round */
@@ -66,12 +70,12 @@ SB_API sb_modes_options sb_default_modes_options(void)
 
 /* ---- vectors ---- */
 
-static sb_vec3 *sbi_modes_basis(const sbi_modes *m, int i) { return m->basis + (size_t)i * (size_t)m->nodes; }
+static sb_vec3 *sbi_modes_basis(const sbi_modes *m, int i) { return m->basis + (size_t)i * (size_t)m->length; }
 
 static double sbi_modes_dot(const sbi_modes *m, const sb_vec3 *a, const sb_vec3 *b)
 {
     double sum = 0;
-    for (int i = 0; i < m->nodes; i++)
+    for (int i = 0; i < m->length; i++)
         sum += (double)a[i].x * (double)b[i].x + (double)a[i].y * (double)b[i].y + (double)a[i].z * (double)b[i].z;
     return sum;
 }
@@ -79,7 +83,7 @@ static double sbi_modes_dot(const sbi_modes *m, const sb_vec3 *a, const sb_vec3 
 /* a += s b */
 static void sbi_modes_add(const sbi_modes *m, sb_vec3 *a, double s, const sb_vec3 *b)
 {
-    for (int i = 0; i < m->nodes; i++)
+    for (int i = 0; i < m->length; i++)
         a[i] = sb_v3_madd(a[i], (sb_real)s, b[i]);
 }
 
@@ -89,13 +93,25 @@ static void sbi_modes_mask(const sbi_modes *m, sb_vec3 *a)
         a[i] = sbi_body_pick_axes(sbi_body_held(m->body, i), sb_v3(0, 0, 0), a[i]);
 }
 
+/* x with what hangs on rigid bodies, which may be m->spread. */
+static const sb_vec3 *sbi_modes_spread(const sbi_modes *m, const sb_vec3 *x)
+{
+    if (m->rigids.count == 0)
+        return x;
+    memcpy(m->spread, x, (size_t)m->nodes * sizeof *x);
+    sbi_rigids_spread(m->body, x, m->spread);
+    return m->spread;
+}
+
 /* out = M x on free axes */
-static void sbi_modes_mass_times(const sbi_modes *m, const sb_vec3 *x, sb_vec3 *out)
+static void sbi_modes_mass_times(const sbi_modes *m, const sb_vec3 *own, sb_vec3 *out)
 {
     const sb_matrix *matrix = &m->body->matrix;
     const sbi_elimination *e = m->body->elimination;
+    const sb_vec3 *x = sbi_modes_spread(m, own);
     if (e) {
-        memcpy(m->spread, x, (size_t)m->nodes * sizeof *x);
+        if (x != m->spread)
+            memcpy(m->spread, x, (size_t)m->nodes * sizeof *x);
         sbi_elimination_expand(e, m->spread, 0);
         x = m->spread;
     }
@@ -108,11 +124,20 @@ static void sbi_modes_mass_times(const sbi_modes *m, const sb_vec3 *x, sb_vec3 *
     if (e)
         sbi_elimination_reduce(e, out, out, NULL);
     sbi_modes_mask(m, out);
+    if (m->rigids.count > 0) {
+        sbi_rigids_gather(m->body, out);
+        sbi_rigids_add_mass(m->body, own, 1, 0, out);
+    }
 }
 
 static void sbi_modes_stiffness_times(const sbi_modes *m, const sb_vec3 *x, sb_vec3 *out)
 {
-    sb_matrix_multiply(m->matrix, &x[0].x, &out[0].x, &m->body->jobs);
+    const sb_vec3 *all = sbi_modes_spread(m, x);
+    sb_matrix_multiply(m->matrix, &all[0].x, &out[0].x, &m->body->jobs);
+    if (m->rigids.count > 0) {
+        sbi_rigids_gather(m->body, out);
+        sbi_rigids_add_mass(m->body, x, m->shift, 1, out);
+    }
 }
 
 /* Number in (-1, 1) (xorshift64*). */
@@ -124,14 +149,30 @@ static sb_real sbi_modes_random(sbi_modes *m)
     return (sb_real)((double)((m->random * 2685821657736338717ULL) >> 12) / 2251799813685248.0 - 1);
 }
 
+/* Turns (rad) of rigid bodies like ways (m) of what they carry; nodes that hang have nothing of their own. */
+static void sbi_modes_scale_turns(const sbi_modes *m, sb_vec3 *a)
+{
+    for (int i = 0; i < m->nodes; i++)
+        if (sbi_body_hung_on(m->body, i))
+            a[i] = sb_v3(0, 0, 0);
+    for (int i = m->nodes; i < m->length; i += 2) {
+        const sb_vec3 *mass = m->weight + i, *turn = m->weight + i + 1;
+        a[i + 1].x *= sb_sqrt(mass->x / turn->x);
+        a[i + 1].y *= sb_sqrt(mass->x / turn->y);
+        a[i + 1].z *= sb_sqrt(mass->x / turn->z);
+    }
+}
+
 static void sbi_modes_fill_random(sbi_modes *m, sb_vec3 *a)
 {
-    for (int i = 0; i < m->nodes; i++) {
+    for (int i = 0; i < m->length; i++) {
         a[i].x = sbi_modes_random(m);
         a[i].y = sbi_modes_random(m);
         a[i].z = sbi_modes_random(m);
     }
     sbi_modes_mask(m, a);
+    if (m->rigids.count > 0)
+        sbi_modes_scale_turns(m, a);
 }
 
 /* out = A^-1 rhs, roughly; rhs is 0 on supported axes. */
@@ -144,8 +185,15 @@ static sb_result sbi_modes_solve(sbi_modes *m, const sb_vec3 *rhs, sb_vec3 *out,
     options.tolerance = tolerance;
     options.max_iterations = 500;
     options.jobs = &b->jobs;
-    memset(out, 0, (size_t)m->nodes * sizeof *out);
-    result = sb_pcg_solve(m->matrix, m->precond, &rhs[0].x, &out[0].x, &options, &b->pcg, &pcg);
+    memset(out, 0, (size_t)m->length * sizeof *out);
+    if (m->rigids.count > 0) {
+        sbi_rigids_take_load(b, rhs);
+        result = sbi_pcg_solve_guests(m->matrix, m->precond, &rhs[0].x, &out[0].x, &m->rigids.guests, &options, &b->pcg,
+                                      NULL, &pcg);
+        sbi_rigids_give_way(b, out);
+    } else {
+        result = sb_pcg_solve(m->matrix, m->precond, &rhs[0].x, &out[0].x, &options, &b->pcg, &pcg);
+    }
     m->info->solves++;
     m->info->pcg_iterations += pcg.iterations;
     if (result == SB_ERROR_INDEFINITE && pcg.negative_curvature)
@@ -178,14 +226,14 @@ static void sbi_modes_append(sbi_modes *m, sb_vec3 *t)
         if (!(norm > 1e4 * (double)SB_EPSILON * (double)SB_EPSILON * before))
             return;
         norm = 1 / sqrt(norm);
-        for (int i = 0; i < m->nodes; i++) {
+        for (int i = 0; i < m->length; i++) {
             t[i] = sb_v3_scale((sb_real)norm, t[i]);
             m->mx[i] = sb_v3_scale((sb_real)norm, m->mx[i]);
         }
         before = 1;
     }
     place = sbi_modes_basis(m, m->size);
-    memcpy(place, t, (size_t)m->nodes * sizeof *t);
+    memcpy(place, t, (size_t)m->length * sizeof *t);
     sbi_modes_stiffness_times(m, place, m->ax);
     for (int j = 0; j <= m->size; j++)
         h[(size_t)m->size * (size_t)m->capacity + (size_t)j] = h[(size_t)j * (size_t)m->capacity + (size_t)m->size] =
@@ -228,6 +276,12 @@ static void sbi_modes_append_rigid(sbi_modes *m)
             m->x[i] = k < 3 ? axis : sb_v3_cross(axis, x);
         }
         sbi_modes_mask(m, m->x);
+        if (m->rigids.count > 0) {
+            const sb_vec3 *places = m->options->at_present ? m->body->position : m->body->reference;
+            sb_vec3 axis = sb_v3(k % 3 == 0, k % 3 == 1, k % 3 == 2), none = sb_v3(0, 0, 0);
+            sbi_rigids_fill_motion(m->body, m->options->at_present, k < 3 ? axis : none, k < 3 ? none : axis, places[0],
+                                   m->x);
+        }
         sbi_modes_append(m, m->x);
     }
 }
@@ -248,7 +302,7 @@ static sb_result sbi_modes_project(sbi_modes *m)
 /* x = Ritz vector i */
 static void sbi_modes_ritz(sbi_modes *m, int i, sb_vec3 *x)
 {
-    memset(x, 0, (size_t)m->nodes * sizeof *x);
+    memset(x, 0, (size_t)m->length * sizeof *x);
     for (int j = 0; j < m->size; j++)
         sbi_modes_add(m, x, m->vectors[(size_t)i * (size_t)m->size + (size_t)j], sbi_modes_basis(m, j));
 }
@@ -268,7 +322,7 @@ static double sbi_modes_residual(sbi_modes *m, int i)
     sbi_modes_mass_times(m, m->x, m->mx);
     sbi_modes_add(m, m->ax, -m->values[i], m->mx);
     sbi_modes_mask(m, m->ax);
-    for (int k = 0; k < m->nodes; k++)
+    for (int k = 0; k < m->length; k++)
         square += sbi_modes_square(m->ax[k].x, m->weight[k].x) + sbi_modes_square(m->ax[k].y, m->weight[k].y) +
                   sbi_modes_square(m->ax[k].z, m->weight[k].z);
     norm = sqrt(square);
@@ -281,7 +335,7 @@ static double sbi_modes_residual(sbi_modes *m, int i)
 static void sbi_modes_restart(sbi_modes *m, int keep)
 {
     sb_real *row = (sb_real *)(void *)m->scratch;
-    for (int i = 0; i < m->nodes; i++)
+    for (int i = 0; i < m->length; i++)
         for (int axis = 0; axis < 3; axis++) {
             for (int k = 0; k < keep; k++) {
                 double sum = 0;
@@ -317,7 +371,7 @@ static sb_result sbi_modes_improve(sbi_modes *m, int *missing, int *grown)
             sbi_fail(m->error, SB_ERROR_NOT_CONVERGED, "mode %d has a residual of %g after %d iterations", i + 1,
                      residual, m->info->iterations);
         if (i < m->count || *missing) {
-            result = sbi_modes_solve(m, m->ax, m->fresh + (size_t)*grown * (size_t)m->nodes, 0.01);
+            result = sbi_modes_solve(m, m->ax, m->fresh + (size_t)*grown * (size_t)m->length, 0.01);
             ++*grown;
         }
     }
@@ -350,7 +404,7 @@ static sb_result sbi_modes_iterate(sbi_modes *m)
         if (m->size + grown + SBI_MODES_PROBES > m->capacity && m->capacity < m->freedom)
             sbi_modes_restart(m, keep);
         for (int k = 0; k < grown; k++)
-            sbi_modes_append(m, m->fresh + (size_t)k * (size_t)m->nodes);
+            sbi_modes_append(m, m->fresh + (size_t)k * (size_t)m->length);
         if (missing == 0) {
             checked = 1;
             result = sbi_modes_append_random(m, SBI_MODES_PROBES);
@@ -368,7 +422,7 @@ static int sbi_modes_count_freedom(const sb_body *b)
     for (int i = 0; i < b->domain.node_count; i++)
         for (int axis = 0; axis < 3; axis++)
             free_axes += !(sbi_body_held(b, i) >> axis & 1);
-    return free_axes;
+    return free_axes + sbi_rigids_count_freedom(b);
 }
 
 static sb_result sbi_modes_check(const sb_body *body, int count, const sb_modes_options *options,
@@ -391,7 +445,7 @@ static sb_result sbi_modes_check(const sb_body *body, int count, const sb_modes_
 
 static void sbi_modes_layout(sbi_modes *m, sbi_arena *arena)
 {
-    size_t vector = (size_t)m->nodes * sizeof(sb_vec3), c = (size_t)m->capacity;
+    size_t vector = (size_t)m->length * sizeof(sb_vec3), c = (size_t)m->capacity;
     m->mass = (sb_real *)sbi_arena_take(arena, (size_t)m->body->matrix.block_count, sizeof(sb_real));
     m->weight = (sb_vec3 *)sbi_arena_take(arena, 1, vector);
     m->spread = (sb_vec3 *)sbi_arena_take(arena, 1, vector);
@@ -422,6 +476,21 @@ static sb_result sbi_modes_take_memory(sbi_modes *m)
     return SB_OK;
 }
 
+/* Rigid bodies about the shape that is asked for; at_present what their arms' turning makes of forces at nodes counts,
+ * which are current in the body or in m->mx. */
+static void sbi_modes_turn_rigids(sbi_modes *m)
+{
+    const sb_body *b = m->body;
+    const sb_vec3 *force = b->force_current ? b->internal : m->mx;
+    if (m->rigids.count == 0)
+        return;
+    for (int i = 0; i < m->nodes && m->options->at_present; i++)
+        m->x[i] = sb_v3_sub(force[i], b->external[i]);
+    if (m->options->at_present && b->elimination)
+        sbi_elimination_reduce(b->elimination, m->x, m->x, NULL);
+    sbi_rigids_turn_small(m->body, m->options->at_present, m->options->at_present ? m->x : NULL);
+}
+
 /* matrix = K of the shape that is asked for. The warm starts of rotations are put back by the caller. */
 static sb_result sbi_modes_assemble(sbi_modes *m)
 {
@@ -431,7 +500,7 @@ static sb_result sbi_modes_assemble(sbi_modes *m)
     const sb_vec3 *u = b->displacement;
     int bad = -1;
     if (!m->options->at_present) {
-        memset(m->x, 0, (size_t)m->nodes * sizeof *m->x);
+        memset(m->x, 0, (size_t)m->length * sizeof *m->x);
         u = m->x;
         for (size_t i = 0; i < points && !assembly->batched; i++)
             assembly->rotations[i] = sb_quat_identity();
@@ -444,6 +513,7 @@ static sb_result sbi_modes_assemble(sbi_modes *m)
     if (bad >= 0)
         return sbi_fail_element(m->error, SB_ERROR_INVERTED, bad,
                                 "element %d is inside out, which its material does not allow", bad);
+    sbi_modes_turn_rigids(m);
     return SB_OK;
 }
 
@@ -486,6 +556,7 @@ static sb_result sbi_modes_prepare(sbi_modes *m)
     sb_preconditioner_def settings = sb_default_preconditioner_def();
     sb_matrix *matrix = &b->matrix;
     double step;
+    sbi_loose loose;
     sb_real *moduli = NULL;
     sb_result result = sbi_modes_assemble(m);
     if (result != SB_OK)
@@ -500,7 +571,11 @@ static sb_result sbi_modes_prepare(sbi_modes *m)
         sbi_elimination_condense(b->elimination, matrix);
     step = (double)sbi_explicit_bound(b, m->matrix, m->weight);
     m->rounding = 4 * (double)SB_EPSILON * 4 / (step * step);
-    if (sbi_body_unsupported_node(b) >= 0) {
+    sbi_rigids_weigh(b, m->weight);
+    result = sbi_body_find_loose(b, &loose, m->error);
+    if (result != SB_OK)
+        return result;
+    if (loose.node >= 0 || loose.rigid > 0) {
         m->shift = 1e-4 * sbi_modes_unit(b);
         m->shift = m->shift > 16 * m->rounding ? m->shift : 16 * m->rounding;
     }
@@ -524,26 +599,35 @@ static sb_result sbi_modes_prepare(sbi_modes *m)
     if (result == SB_OK)
         result = sb_preconditioner_create(&settings, m->matrix, &b->allocator, &m->precond, m->error);
     sbi_free(&b->allocator, moduli);
-    if (result == SB_OK)
+    if (result == SB_OK && m->rigids.count > 0)
+        result = sbi_pcg_update_preconditioner(m->precond, m->matrix, settings.positions, &m->rigids.guests, &b->pcg,
+                                               m->error);
+    else if (result == SB_OK)
         result = sb_preconditioner_update(m->precond, m->matrix, NULL, m->error);
-    return result;
+    return result == SB_OK ? sbi_rigids_factor_small(b, m->matrix, m->shift, m->error) : result;
 }
 
 static void sbi_modes_write(sbi_modes *m, sb_real *frequencies, sb_vec3 *shapes)
 {
     for (int i = 0; i < m->count; i++) {
         double lambda = m->values[i] - m->shift;
+        sb_vec3 *shape = shapes ? shapes + (size_t)i * (size_t)m->nodes : NULL;
         frequencies[i] = (sb_real)(sqrt(lambda > 0 ? lambda : 0) / 6.283185307179586);
-        if (shapes)
-            sbi_modes_ritz(m, i, shapes + (size_t)i * (size_t)m->nodes);
-        if (shapes && m->body->elimination)
-            sbi_elimination_expand(m->body->elimination, shapes + (size_t)i * (size_t)m->nodes, 0);
+        if (!shape)
+            continue;
+        sbi_modes_ritz(m, i, m->x);
+        memcpy(shape, m->x, (size_t)m->nodes * sizeof *shape);
+        sbi_rigids_spread(m->body, m->x, shape);
+        if (m->body->elimination)
+            sbi_elimination_expand(m->body->elimination, shape, 0);
     }
 }
 
 static sb_result sbi_modes_run(sbi_modes *m, sb_real *frequencies, sb_vec3 *shapes)
 {
     sb_result result = sbi_modes_take_memory(m);
+    if (result == SB_OK)
+        result = sbi_rigids_begin_small(m->body, m->matrix, &m->rigids, m->error);
     if (result == SB_OK)
         result = sbi_modes_prepare(m);
     if (result == SB_OK && m->shift > 0)
@@ -568,8 +652,6 @@ SB_API sb_result sb_body_modes(sb_body *body, int count, const sb_modes_options 
     sb_result result;
     options = options ? options : &defaults;
     result = sbi_modes_check(body, count, options, frequencies, error);
-    if (result == SB_OK)
-        result = sbi_body_refuse_rigids(body, "modes", error);
     if (result != SB_OK)
         return result;
     begin = body->clock ? body->clock() : 0;
@@ -581,6 +663,7 @@ SB_API sb_result sb_body_modes(sb_body *body, int count, const sb_modes_options 
     m.error = &own;
     m.matrix = body->elimination ? &body->elimination->matrix : &body->matrix;
     m.nodes = body->domain.node_count;
+    m.length = m.nodes + 2 * sb_body_rigid_count(body);
     m.count = count;
     m.freedom = sbi_modes_count_freedom(body);
     m.block = SBI_MODES_BLOCK;

@@ -30,12 +30,15 @@ typedef struct sb_modes_info {
 /* Finds the lowest `count` natural frequencies of the body with its supports (at rest where they are), constraints
  * (their values play no part), springs and mappings. Other loads play none, but that pressures act at_present: with the
  * symmetric part of their stiffness. Prony terms respond at once, as to the fastest of motions.
- * count        1 .. degrees of freedom that no support holds and no constraint eliminates
+ * Free rigid bodies (rigid.h) take part with their masses, about where they were added or, at_present, are now, where
+ * the forces on what hangs count with the turning of its arms.
+ * count        1 .. degrees of freedom that no support holds and no constraint eliminates; nodes that hang have none,
+ *              each free rigid body has six
  * options      NULL: defaults
  * frequencies  [count] (Hz), ascending, multiple ones as often as they are; rigid motions that the supports leave come
  *              out as about 0 (rounding of K x), never as NaN
  * shapes       [count][node_count] or NULL: displacements x (m) of unit modal mass, x^T M x = 1 kg m^2, at right
- *              angles in M; 0 at supported axes; slaves follow their masters
+ *              angles in M, rigid bodies' masses in it; 0 at supported axes; slaves follow their masters
  * info, error  may be NULL
  * Takes memory for about 2 count + 40 vectors from the body's allocator for the time of the call. The body's state is
  * left as it is, to the last bit.

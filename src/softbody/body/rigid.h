@@ -51,7 +51,9 @@
  * outer fifth is rigid is within 0.1 % of Timoshenko's, its wrench that of the load to 1e-9; bent by a torque into an
  * arc of 1.25 rad in one increment of 17 iterations.
  *
- * SB_CENTRAL_DIFFERENCE has no free rigid bodies; modes, derivatives, searches for a shape without loads and
+ * Modes have their six unknowns, with their masses.
+ *
+ * SB_CENTRAL_DIFFERENCE has no free rigid bodies; derivatives, searches for a shape without loads and
  * registrations refuse a body that has one (SB_ERROR_UNSUPPORTED). Tools press on
  * what hangs as on all nodes. State and recordings have rigid bodies with all they are; sb_body_reset takes them back
  * to where they were added, at rest. A change of the mesh: a node made of nodes that all hang on the same rigid body

@@ -48,6 +48,7 @@ typedef struct sbi_rigid_step {
     double slope[9];                       /* d turn / d th there: the left Jacobian of exp */
     double mass_slope[9];                  /* stiffness that its inertia has, or in statics its arms' turning (N m) */
     double factor[36], scale[6];           /* Cholesky factor of its block, whose rows and columns were scaled */
+    double turning[9];                     /* and of that what its arms' turning has (N m) */
     sbi_rigid_skew skew;
     double found[6]; /* of `starts`: accelerations, start */
 } sbi_rigid_step;
@@ -127,6 +128,12 @@ SBI_API sb_result sbi_body_reserve_rigids(sb_body *body, sbi_rigids *rigids, con
 /* ---- rigid_step.c ---- */
 /* Its guest, which acts on these nodes. */
 SBI_API void sbi_rigid_make_guest(sbi_rigid *rigid, const int *nodes, int count);
+/* Its nodes with material, from where they are. SB_ERROR_UNSUPPORTED: one is supported. */
+SBI_API sb_result sbi_rigid_activate(const sb_body *body, sbi_rigid *rigid, sb_error *error);
+/* One that was activated, for small motions about this turn; left: forces at nodes (N) whose arms' turning counts, or
+ * NULL. Then its block with this matrix and `shift` times its mass; 0: it is not positive definite. */
+SBI_API void sbi_rigid_set_small(sbi_rigid *rigid, const double turn[4], const sb_vec3 *left);
+SBI_API int sbi_rigid_factor_small(sbi_rigid *rigid, const sb_matrix *matrix, double shift);
 /* A step begins: its guests are those of its caller, and the body's rigid bodies. SB_ERROR_UNSUPPORTED. */
 SBI_API sb_result sbi_rigids_join(sbi_step *step, const sbi_guest *const **guests, int *count);
 /* The step has its balance: what the tissue does to them. Uses body->work and work2. */
@@ -152,6 +159,37 @@ SBI_API void sbi_rigids_end_increment(sbi_step *step);
 SBI_API double sbi_rigids_work(const sbi_step *step, int part);
 /* The solve is done, at rest: work has what is left over at nodes. */
 SBI_API void sbi_rigids_end_static(sbi_step *step);
+
+/* ---- rigid_modes.c: vectors of [node_count + 2 rigid bodies], see there ---- */
+typedef struct sbi_rigids_small {
+    const sbi_guest *list[SB_MAX_RIGID];
+    sbi_guests guests;
+    int count;
+} sbi_rigids_small;
+/* Their guests for small motions, and what conjugate gradients on this matrix need. SB_ERROR_MEMORY,
+ * SB_ERROR_UNSUPPORTED (see sbi_rigid_activate). */
+SBI_API sb_result sbi_rigids_begin_small(sb_body *body, const sb_matrix *matrix, sbi_rigids_small *small,
+                                         sb_error *error);
+/* About where they are, or were added; left: see sbi_rigid_set_small. Then: systems are those of this matrix and
+ * `shift` (1/s^2) times their masses. SB_ERROR_INDEFINITE. */
+SBI_API void sbi_rigids_turn_small(sb_body *body, int at_present, const sb_vec3 *left);
+SBI_API sb_result sbi_rigids_factor_small(sb_body *body, const sb_matrix *matrix, double shift, sb_error *error);
+/* nodes that hang = where x has their rigid bodies */
+SBI_API void sbi_rigids_spread(const sb_body *body, const sb_vec3 *x, sb_vec3 *nodes);
+/* What nodes that hang have of f goes to their rigid bodies, which have nothing else. */
+SBI_API void sbi_rigids_gather(const sb_body *body, sb_vec3 *f);
+/* out += (share times their own masses + `turning` times what their arms' turning has) x */
+SBI_API void sbi_rigids_add_mass(const sb_body *body, const sb_vec3 *x, double share, double turning, sb_vec3 *out);
+/* weight [..] (kg) of nodes; theirs (kg, kg m^2) are those of what hangs and their own. */
+SBI_API void sbi_rigids_weigh(const sb_body *body, sb_vec3 *weight);
+/* Right-hand sides of a solve; and what it found. */
+SBI_API void sbi_rigids_take_load(const sb_body *body, const sb_vec3 *rhs);
+SBI_API void sbi_rigids_give_way(const sb_body *body, sb_vec3 *x);
+/* x of them = a way (m) and a turn (rad) about a point. */
+SBI_API void sbi_rigids_fill_motion(const sb_body *body, int at_present, sb_vec3 way, sb_vec3 turn, sb_vec3 about,
+                                    sb_vec3 *x);
+/* What they have more than the nodes that hang on them. */
+SBI_API int sbi_rigids_count_freedom(const sb_body *body);
 
 /* ---- rigid_hold.c ---- */
 /* What can move freely: a part of the mesh, by one of its nodes, or a rigid body, by its id, and a node that hangs on

@@ -462,8 +462,30 @@ static void sbi_rigid_add_turning(sbi_rigid *r, const sb_vec3 *left, int is_exac
     for (int k = 0; k < 9; k++)
         transposed[k] = r->step.slope[3 * (k % 3) + k / 3];
     sbi_rigid_turn_matrix(transposed, turning, out);
+    memcpy(r->step.turning, out, sizeof out);
     for (int k = 0; k < 9; k++)
         r->step.mass_slope[k] += out[k];
+}
+
+SBI_API void sbi_rigid_set_small(sbi_rigid *r, const double turn[4], const sb_vec3 *left)
+{
+    const double none[6] = {0, 0, 0, 0, 0, 0};
+    sbi_rigid_matrix(turn, r->step.frame);
+    sbi_rigid_turn_matrix(r->step.frame, r->inertia, r->step.inertia);
+    sbi_rigid_renew(r, none);
+    memset(r->step.turning, 0, sizeof r->step.turning);
+    if (left)
+        sbi_rigid_add_turning(r, left, 1);
+}
+
+SBI_API int sbi_rigid_factor_small(sbi_rigid *r, const sb_matrix *matrix, double shift)
+{
+    sbi_rigid_step *s = &r->step;
+    s->matrix = matrix;
+    s->ca = shift;
+    for (int k = 0; k < 9; k++)
+        s->mass_slope[k] = shift * s->inertia[k] + s->turning[k];
+    return sbi_rigid_make_block(r);
 }
 
 static sb_result sbi_rigid_begin(void *user, const sbi_guest_step *told, sb_error *error)
@@ -745,8 +767,7 @@ SBI_API void sbi_rigid_make_guest(sbi_rigid *r, const int *nodes, int count)
 
 /* ---- a step begins ---- */
 
-/* The nodes with material, from where they are. */
-static sb_result sbi_rigid_activate(const sb_body *body, sbi_rigid *r, sb_error *error)
+SBI_API sb_result sbi_rigid_activate(const sb_body *body, sbi_rigid *r, sb_error *error)
 {
     int count = 0;
     for (int k = 0; k < r->count; k++) {
