@@ -92,6 +92,7 @@ static void test_weight(void)
 {
     static const sb_element_type types[] = {SB_HEX20, SB_TET10, SB_HEX27};
     const double bend = 1e5 * 1e-4 / 12, shear = 5.0 / 6 * 0.5e5 * 1e-2;
+    const double off = SB_REAL_IS_FLOAT ? 0.01 : 0.003; /* forces of a beam are far smaller than their parts */
     for (int k = 0; k < 3; k++) {
         const double mass = 1000, inertia = 10;
         double f[8], a, b, c, wanted, along = 0.1, compliance[3], det;
@@ -113,8 +114,8 @@ static void test_weight(void)
         b = ((mass + 33.0 / 140 * 10) * compliance[0] + inertia * compliance[2]) / det;
         c = 1 / det;
         wanted = sqrt((b - sqrt(b * b - 4 * a * c)) / (2 * a)) / 6.283185307179586;
-        CHECK_NEAR(f[0], wanted, 0.003 * wanted);
-        CHECK_NEAR(f[1], wanted, 0.003 * wanted);
+        CHECK_NEAR(f[0], wanted, off * wanted);
+        CHECK_NEAR(f[1], wanted, off * wanted);
         CHECK_NEAR(f[2], sqrt(0.5e5 * 0.1406e-4 / inertia) / 6.283185307179586, 0.03 * f[2]); /* its ends do not warp */
         for (int i = 0; i < 60; i++)                                                          /* w L/c */
             along -= (along * tan(along) - 10 / mass) / (tan(along) + along / (cos(along) * cos(along)));
