@@ -4348,6 +4348,9 @@ public static unsafe class Native
     /// </summary>
     [DllImport(Library, CallingConvention = CallingConvention.Cdecl)]
     public static extern sb_result sb_body_parts(sb_body* body, sb_part* parts, int capacity, int* count, int* numbers);
+    /// <summary>
+    /// SB_ERROR_ARGUMENT; SB_ERROR_MEMORY of a body with free rigid bodies.
+    /// </summary>
     [DllImport(Library, CallingConvention = CallingConvention.Cdecl)]
     public static extern sb_result sb_body_check(sb_body* body, sb_check_report* report);
     /// <summary>

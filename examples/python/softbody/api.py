@@ -3291,6 +3291,7 @@ DOCUMENTATION = {
     'sb_body_nodal_von_mises': 'The same as nodal averages weighted by volume, for colouring; values[node_count].',
     'sb_body_nodal_rotations': "How the material around each node has turned from the reference shape, as unit quaternions: the rotation of the mean\ndeformation gradient, weighted by volume; identity where there is no material. rotations[node_count], as\nsb_preconditioner_warp takes them. Uses the body's scratch: between steps only.",
     'sb_body_parts': "Lists the parts by ascending `node`.\nparts     [capacity] the first `capacity` of them; NULL when capacity is 0\n*count    how many there are\nnumbers   [sb_body_node_count] number of the part of each node, -1: it has no material; or NULL\nAllocates nothing; uses the body's scratch: between steps only. SB_ERROR_ARGUMENT.",
+    'sb_body_check': 'SB_ERROR_ARGUMENT; SB_ERROR_MEMORY of a body with free rigid bodies.',
     'sb_check_string': 'One sentence about one SB_CHECK_ bit; never NULL.',
     'sb_body_deformation': 'Deformation gradient dx/dX at an integration point of an element, [0, sb_body_point_count). SB_ERROR_INDEX: *F is\nuntouched.',
     'sb_body_strain': 'Strain there, see SB_TENSOR_STRAIN; errors as above. (Stress: sb_body_stress.)',

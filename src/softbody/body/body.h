@@ -334,8 +334,9 @@ typedef struct sb_check_report {
     int locking_count;     /* elements whose material is beyond the limit of their type */
     int locking_element;   /* the first of them, or -1 */
     sb_real locking_limit; /* Poisson's ratio above which elements of this type lock, see above; 0.5: they do not */
-    int unsupported_component_node; /* a node of the first unsupported part, or -1 */
+    int unsupported_component_node; /* a node of the first unsupported part or free rigid body, or -1 */
 } sb_check_report;
+/* SB_ERROR_ARGUMENT; SB_ERROR_MEMORY of a body with free rigid bodies. */
 SB_API sb_result sb_body_check(const sb_body *body, sb_check_report *report);
 /* One sentence about one SB_CHECK_ bit; never NULL. */
 SB_API const char *sb_check_string(unsigned warning);
