@@ -10,7 +10,10 @@
  * All are sent POLYDATA "Organ", TRANSFORM "Tool" and NDARRAY "Force" from the start. STP_POLYDATA, STP_TRANS and
  * STP_NDARRAY stop that, STT_... goes on, with NDARRAY of the device "Positions" for those of all nodes, which are off
  * at first; each is answered by RTS_... (0: done, 1: not known). GET_... sends one. GET_CAPABIL is answered by
- * CAPABILITY, COMMAND by RTS_COMMAND, all else that is wrong by STATUS. */
+ * CAPABILITY, COMMAND by RTS_COMMAND, all else that is wrong by STATUS.
+ *
+ * There are IGTL_LINKS places. A peer that comes when all are taken gets that of the one that has stalled longest, in
+ * the middle of a message or of reading one, if that is longer than `patience`; else it is turned away. */
 #ifndef IGTL_SERVICE_H
 #define IGTL_SERVICE_H
 
@@ -30,6 +33,7 @@ typedef struct igtl_service {
     igtl_link listener;
     igtl_link links[IGTL_LINKS];
     unsigned wanted[IGTL_LINKS]; /* streams as bits */
+    double patience;             /* (s) that a peer may stall while another waits for its place */
     int quiet;                   /* 1: nothing is printed */
 } igtl_service;
 
@@ -47,6 +51,7 @@ static inline void igtl_service_begin(igtl_service *s, igtl_organ *o)
 {
     memset(s, 0, sizeof *s);
     s->organ = o;
+    s->patience = 5;
     igtl_link_none(&s->listener);
     for (int i = 0; i < IGTL_LINKS; i++)
         igtl_link_none(s->links + i);
@@ -222,23 +227,39 @@ static inline void igtl_service_serve(igtl_service *s, int index)
                 error.message);
 }
 
+/* A place for a peer that came; -1: there is none. */
+static inline int igtl_service_place(igtl_service *s)
+{
+    int slowest = 0;
+    for (int i = 0; i < IGTL_LINKS; i++) {
+        if (!igtl_is_open(s->links + i))
+            return i;
+        if (igtl_stalled(s->links + i) > igtl_stalled(s->links + slowest))
+            slowest = i;
+    }
+    if (!(igtl_stalled(s->links + slowest) > s->patience))
+        return -1;
+    igtl_link_close(s->links + slowest);
+    if (!s->quiet)
+        fprintf(stderr, "%s: peer %d stalled\n", s->organ->scene.program, slowest + 1);
+    return slowest;
+}
+
 /* Waits for `seconds` at most, then lets peers in and does what they ask for. */
 static inline void igtl_service_round(igtl_service *s, double seconds)
 {
     igtl_link link;
     igtl_wait(&s->listener, s->links, IGTL_LINKS, seconds);
     while (igtl_accept(&s->listener, &link)) {
-        int free_place = 0;
-        while (free_place < IGTL_LINKS && igtl_is_open(s->links + free_place))
-            free_place++;
-        if (free_place == IGTL_LINKS) {
+        int place = igtl_service_place(s);
+        if (place < 0) {
             igtl_link_close(&link);
             continue;
         }
-        s->links[free_place] = link;
-        s->wanted[free_place] = 1u << IGTL_SKIN | 1u << IGTL_TOOL | 1u << IGTL_FORCE;
+        s->links[place] = link;
+        s->wanted[place] = 1u << IGTL_SKIN | 1u << IGTL_TOOL | 1u << IGTL_FORCE;
         if (!s->quiet)
-            fprintf(stderr, "%s: peer %d\n", s->organ->scene.program, free_place + 1);
+            fprintf(stderr, "%s: peer %d\n", s->organ->scene.program, place + 1);
     }
     for (int i = 0; i < IGTL_LINKS; i++)
         if (igtl_is_open(s->links + i))

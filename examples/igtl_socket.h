@@ -70,6 +70,7 @@ typedef struct igtl_link {
     igtl_bytes frame;   /* being sent, once any of it is */
     igtl_bytes newest;  /* takes its place */
     int skipped;        /* frames that a newer one replaced */
+    double moved;       /* (s, of seconds_now) when bytes last went through it */
 } igtl_link;
 
 /* ---- what systems name differently ------------------------------------------------------------------------------- */
@@ -251,6 +252,7 @@ static inline int igtl_accept(const igtl_link *listener, igtl_link *link)
     link->handle = accept(listener->handle, NULL, NULL);
     if (igtl_is_open(link))
         igtl_never_wait(link->handle);
+    link->moved = seconds_now();
     return igtl_is_open(link);
 }
 
@@ -274,6 +276,13 @@ static inline void igtl_wait(const igtl_link *listener, const igtl_link *links, 
     igtl_poll(polled, (unsigned)used, seconds > 0 ? (int)(1e3 * seconds + 0.999) : 0);
 }
 
+/* How long (s) nothing of what is on its way to or from a peer has moved; 0: nothing is on its way. */
+static inline double igtl_stalled(const igtl_link *link)
+{
+    int under_way = link->in.used > link->handed || link->answers.used > 0 || link->frame.used > 0;
+    return igtl_is_open(link) && under_way ? seconds_now() - link->moved : 0;
+}
+
 /* ---- receiving --------------------------------------------------------------------------------------------------- */
 
 /* Reads until `size` bytes are there: 1; 0 when no more came yet, or IGTL_MAX_READ did, -1 when the peer is gone or
@@ -295,6 +304,7 @@ static inline int igtl_fill(igtl_link *link, size_t size)
         if (got <= 0)
             return -1;
         link->in.used += (size_t)got;
+        link->moved = seconds_now();
     }
     return 1;
 }
@@ -338,6 +348,7 @@ static inline int igtl_send_some(igtl_link *link, igtl_bytes *bytes)
         if (sent <= 0)
             return 0;
         bytes->done += (size_t)sent;
+        link->moved = seconds_now();
     }
     bytes->done = bytes->used = 0;
     return 1;

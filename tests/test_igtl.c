@@ -736,6 +736,57 @@ static void test_peers(void)
     end_service();
 }
 
+/* Whether one more peer is let in while all places are taken: it is sent a frame. */
+static int is_let_in(void)
+{
+    igtl_link link;
+    const char *why = "";
+    igtl_message m;
+    int in = 0;
+    if (!CHECK(igtl_connect(&link, "127.0.0.1", igtl_port(&service.listener), &why)))
+        return 0;
+    for (int i = 0; i < 20 && !in && igtl_is_open(&link); i++) {
+        sb_error error;
+        step();
+        igtl_service_round(&service, 0.002);
+        in = igtl_receive(&link, &crc, &m, &error) == 1;
+    }
+    igtl_link_close(&link);
+    return in;
+}
+
+/* Peers that stop in the middle of a message keep nobody out, those that have nothing to say keep their place. */
+static void test_stalled(void)
+{
+    unsigned char message[ROOM], content[64];
+    igtl_text text = igtl_text_of("young 4000");
+    igtl_link links[IGTL_LINKS];
+    igtl_message m;
+    int joined = 0;
+    size_t size;
+    if (!begin_service())
+        return;
+    size = make_message(message, 1, "STRING", "", content, igtl_put_string(content, &text));
+    while (joined < IGTL_LINKS && join(links + joined))
+        joined++;
+    if (CHECK_INT(joined, IGTL_LINKS)) {
+        CHECK(!is_let_in());
+        for (int i = 2; i < IGTL_LINKS; i++)
+            igtl_answer(links + i, message, size / 2);
+        for (int i = 0; i < 20; i++)
+            igtl_service_round(&service, 0.002);
+        CHECK(!is_let_in()); /* they may be slow */
+        service.patience = 0;
+        CHECK(is_let_in());
+        step();
+        CHECK(hear(links, "POLYDATA", &m));
+        CHECK(hear(links + 1, "POLYDATA", &m));
+    }
+    while (joined > 0)
+        igtl_link_close(links + --joined);
+    end_service();
+}
+
 /* A peer that never stops talking does not keep the others, or the organ's next step, from their turn. */
 static void test_flood(void)
 {
@@ -821,4 +872,5 @@ CHECK_SUITE(igtl, {"checksum of ECMA-182", test_checksum},
             {"hostile bytes", test_hostile}, {"an organ that a ball presses", test_organ},
             {"targets that pull", test_targets}, {"statements and commands", test_statements},
             {"streams on request", test_streams}, {"peers that are slow, rude or gone", test_peers},
-            {"a peer that talks without end", test_flood}, {"a peer that reads slowly", test_reader});
+            {"peers that stall", test_stalled}, {"a peer that talks without end", test_flood},
+            {"a peer that reads slowly", test_reader});
