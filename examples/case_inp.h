@@ -8,7 +8,11 @@
  * *DYNAMIC or *FREQUENCY. Requests for output say what is written. All else is refused, by name and line; what is wrong
  * is listed to the end of the file. Files have no units: they are SI's, unless a first comment has those of
  * foreign_units. Loads, as in CalculiX: those of one step on one place add up, later ones replace them; supports
- * replace each other; OP=NEW takes away what steps before had, and supports before the first step. */
+ * replace each other; OP=NEW takes away what steps before had, and supports before the first step.
+ *
+ * A model of parts is read as Abaqus/CAE writes it: each *INSTANCE is the text of its *PART read anew at its place,
+ * with INSTANCE. before the names of its sets and surfaces, and its labels counted on from those that are there
+ * already. The first instance keeps its labels. */
 #ifndef CASE_INP_H
 #define CASE_INP_H
 
@@ -130,11 +134,28 @@ typedef struct inp_pressure {
     double value;
 } inp_pressure;
 
-/* A file that is being read, or has been: names point into its text. */
+/* A file or the text of a part that is being read, or has been: names point into its text. */
 typedef struct inp_source {
     char *text, *cursor, *path;
+    char *pending; /* a line that was looked at and comes again */
     int line;
 } inp_source;
+
+/* The lines of a *PART, which each of its instances reads. */
+typedef struct inp_part {
+    const char *name, *text;
+    inp_place before; /* the first line */
+} inp_part;
+
+/* A part at its place, or the *ASSEMBLY, whose name is "". */
+typedef struct inp_instance {
+    const char *name;
+    int offset[2];       /* is added to labels of nodes and of elements */
+    int has_own;         /* of the assembly: nodes or elements of its own */
+    sb_vec3 move;        /* (m) is added to places of nodes, before they turn */
+    sb_vec3 from, axis;  /* they turn about the axis, of length 1, through this point */
+    double sine, cosine; /* of the angle; 0, 1: not at all */
+} inp_instance;
 
 typedef struct inp_parameter {
     const char *name, *value;
@@ -156,7 +177,6 @@ typedef struct inp_reader {
     case_file *c;
     inp_list sources; /* inp_source: all files; the first is the case's own */
     int stack[INP_MAX_DEPTH], depth;
-    char *pending; /* a line that was looked at and comes again */
     inp_place here;
     int shift;     /* decimal exponent of the file's unit of force, in N */
     int seen_card; /* comments before the first one may have units */
@@ -172,6 +192,13 @@ typedef struct inp_reader {
     int data_lines;                    /* of the card, so far */
     inp_place data_place;              /* of the last one */
     int wanted;                        /* numbers that the next data lines of an element or equation go on with */
+
+    inp_list parts, instances; /* inp_part, inp_instance */
+    int assembly;              /* that is being read; -1: none */
+    int scope;                 /* instance that is being read; -1: none */
+    int instance; /* that the present card is about: by its INSTANCE=, or the scope, or the assembly; or -1 */
+    const inp_part *opening; /* its lines come next, when those of *INSTANCE are read */
+    int most[2];             /* largest label of nodes and of elements so far */
 
     inp_list nodes, elements, element_nodes; /* inp_node, inp_element, int [width] labels of each */
     const foreign_element *element;          /* NULL: no element yet */
@@ -259,6 +286,15 @@ static inline void *inp_add(inp_reader *r, inp_list *list, size_t size)
     return NULL;
 }
 
+static inline void *inp_allocate(inp_reader *r, size_t count, size_t size)
+{
+    void *memory = r->no_memory ? NULL : calloc(count ? count : 1, size);
+    if (!memory && !r->no_memory)
+        inp_complain(r, r->here, "out of memory");
+    r->no_memory |= !memory;
+    return memory;
+}
+
 static inline void inp_add_int(inp_reader *r, inp_list *list, int value)
 {
     int *item = (int *)inp_add(r, list, sizeof *item);
@@ -286,6 +322,8 @@ static inline inp_amplitude *inp_amplitudes(const inp_reader *r) { return (inp_a
 static inline inp_entry *inp_entries(const inp_reader *r) { return (inp_entry *)r->entries.items; }
 static inline inp_step *inp_steps(const inp_reader *r) { return (inp_step *)r->steps.items; }
 static inline inp_term *inp_terms(const inp_reader *r) { return (inp_term *)r->terms.items; }
+static inline inp_part *inp_parts(const inp_reader *r) { return (inp_part *)r->parts.items; }
+static inline inp_instance *inp_instances(const inp_reader *r) { return (inp_instance *)r->instances.items; }
 
 /* ---- words ------------------------------------------------------------------------------------------------- */
 
@@ -368,6 +406,33 @@ static inline int inp_take_label(inp_reader *r, const char *field, const char *w
     return 0;
 }
 
+/* The label of a node or element of the instance that the card is about, as it is counted here. */
+static inline int inp_take_own(inp_reader *r, const char *field, int of_elements, int *label)
+{
+    const char *what = of_elements ? "element" : "node";
+    int offset = r->instance >= 0 ? inp_instances(r)[r->instance].offset[of_elements] : 0;
+    if (!inp_take_label(r, field, what, label))
+        return 0;
+    if (*label <= INT_MAX - offset) {
+        *label += offset;
+        return 1;
+    }
+    inp_complain(r, r->here, "%s %d, counted on from the %d of instances before, is too large", what, *label, offset);
+    return 0;
+}
+
+/* A name, or a label as text, of the instance that the card is about, as one that counts for all. */
+static inline const char *inp_scoped(inp_reader *r, const char *name)
+{
+    char whole[2 * INP_MAX_CARD];
+    const char *instance = r->instance >= 0 ? inp_instances(r)[r->instance].name : "";
+    if (!*instance || !*name)
+        return name;
+    if (snprintf(whole, sizeof whole, "%s.%s", instance, name) >= (int)sizeof whole)
+        inp_complain(r, r->here, "the name %.40s has more than %d characters", name, (int)INP_MAX_CARD);
+    return inp_keep(r, whole);
+}
+
 /* A number times 10^shift. */
 static inline int inp_take_number(inp_reader *r, const char *field, int shift, double *value)
 {
@@ -439,28 +504,49 @@ static inline void inp_add_to_set(inp_reader *r, int label)
     r->set_labels++;
 }
 
+/* The name of a set that the card makes: INSTANCE= says whose its labels are, the set is the assembly's. */
+static inline const char *inp_scoped_set(inp_reader *r, const char *name)
+{
+    return r->instance == r->scope ? inp_scoped(r, name) : name;
+}
+
 static inline void inp_begin_set(inp_reader *r)
 {
     int of_elements = strcmp(r->keyword->name, "ELSET") == 0;
     const char *elements = of_elements ? NULL : inp_parameter_of(r, "ELSET");
-    inp_open_set(r, inp_need(r, of_elements ? "ELSET" : "NSET"), of_elements);
+    inp_open_set(r, inp_scoped_set(r, inp_need(r, of_elements ? "ELSET" : "NSET")), of_elements);
     if (!elements || r->set < 0)
         return;
-    inp_sets(r)[r->set].nodes_of = inp_find_set(r, elements, 1);
+    inp_sets(r)[r->set].nodes_of = inp_find_set(r, inp_scoped(r, elements), 1);
     if (inp_sets(r)[r->set].nodes_of < 0)
         inp_complain(r, r->card_place, "there is no set of elements %.80s", elements);
+}
+
+/* Whether the text is INSTANCE.LABEL, and then its label as it is counted here; 0: beyond what there can be. */
+static inline int inp_label_of_instance(const inp_reader *r, const char *text, int of_elements, int *label)
+{
+    for (int i = 0; i < r->instances.count; i++) {
+        const inp_instance *instance = inp_instances(r) + i;
+        size_t length = strlen(instance->name);
+        int own;
+        if (length == 0 || strncmp(text, instance->name, length) != 0 || text[length] != '.' ||
+            !case_scan_integer(text + length + 1, &own))
+            continue;
+        *label = own > 0 && own <= INT_MAX - instance->offset[of_elements] ? own + instance->offset[of_elements] : 0;
+        return 1;
+    }
+    return 0;
 }
 
 /* FIRST, LAST[, STEP] */
 static inline void inp_generate(inp_reader *r, char **fields, int count)
 {
-    const char *what = inp_sets(r)[r->set].of_elements ? "element" : "node";
-    int first, last, step = 1;
+    int of_elements = inp_sets(r)[r->set].of_elements, first, last, step = 1;
     if (count < 2 || count > 3) {
         inp_complain(r, r->here, "GENERATE takes FIRST, LAST[, STEP]");
         return;
     }
-    if (!inp_take_label(r, fields[0], what, &first) || !inp_take_label(r, fields[1], what, &last) ||
+    if (!inp_take_own(r, fields[0], of_elements, &first) || !inp_take_own(r, fields[1], of_elements, &last) ||
         (count == 3 && !inp_take_integer(r, fields[2], "step", &step)))
         return;
     if (step < 1 || last < first)
@@ -485,11 +571,15 @@ static inline void inp_data_set(inp_reader *r, char **fields, int count)
         if (!*fields[i])
             continue;
         if (case_scan_integer(fields[i], &label)) {
-            if (inp_take_label(r, fields[i], of_elements ? "element" : "node", &label))
+            if (inp_take_own(r, fields[i], of_elements, &label))
                 inp_add_to_set(r, label);
             continue;
         }
-        other = inp_find_set(r, inp_name(fields[i]), of_elements);
+        if (inp_label_of_instance(r, inp_name(fields[i]), of_elements, &label)) {
+            inp_add_to_set(r, label);
+            continue;
+        }
+        other = inp_find_set(r, inp_scoped(r, inp_name(fields[i])), of_elements);
         if (other < 0)
             inp_complain(r, r->here, "there is no set %.80s before this line", fields[i]);
         if (other < 0 || other == r->set || !inp_has_room(r, inp_sets(r)[other].items.count))
@@ -501,12 +591,44 @@ static inline void inp_data_set(inp_reader *r, char **fields, int count)
 
 /* ---- nodes and elements ------------------------------------------------------------------------------------ */
 
+/* Nodes and elements of the assembly itself are counted on from those that are there when they begin. */
+static inline void inp_begin_own(inp_reader *r)
+{
+    inp_instance *own = r->assembly >= 0 && r->instance == r->assembly ? inp_instances(r) + r->assembly : NULL;
+    if (!own || own->has_own)
+        return;
+    own->has_own = 1;
+    for (int k = 0; k < 2; k++)
+        own->offset[k] = r->most[k];
+}
+
+static inline void inp_count_label(inp_reader *r, int of_elements, int label)
+{
+    if (label > r->most[of_elements])
+        r->most[of_elements] = label;
+}
+
+/* Where a node of an instance is: moved first, then turned (Rodrigues). */
+static inline sb_vec3 inp_moved(const inp_instance *i, sb_vec3 x)
+{
+    sb_vec3 arm, turned;
+    x = sb_v3_add(x, i->move);
+    if (i->sine == 0 && i->cosine == 1)
+        return x;
+    arm = sb_v3_sub(x, i->from);
+    turned = sb_v3_scale((sb_real)i->cosine, arm);
+    turned = sb_v3_madd(turned, (sb_real)i->sine, sb_v3_cross(i->axis, arm));
+    turned = sb_v3_madd(turned, (sb_real)(1 - i->cosine) * sb_v3_dot(i->axis, arm), i->axis);
+    return sb_v3_add(i->from, turned);
+}
+
 static inline void inp_begin_node(inp_reader *r)
 {
     const char *set = inp_parameter_of(r, "NSET");
     r->set = -1;
     if (set)
-        inp_open_set(r, set, 0);
+        inp_open_set(r, inp_scoped(r, set), 0);
+    inp_begin_own(r);
 }
 
 static inline void inp_data_node(inp_reader *r, char **fields, int count)
@@ -518,7 +640,7 @@ static inline void inp_data_node(inp_reader *r, char **fields, int count)
         inp_complain(r, r->here, "a node has a number and three coordinates");
         return;
     }
-    if (!inp_take_label(r, fields[0], "node", &label))
+    if (!inp_take_own(r, fields[0], 0, &label))
         return;
     for (int i = 1; i < count; i++)
         if (*fields[i] && !inp_take_number(r, fields[i], 0, x + i - 1))
@@ -528,7 +650,10 @@ static inline void inp_data_node(inp_reader *r, char **fields, int count)
         return;
     node->label = label;
     node->x = sb_v3((sb_real)x[0], (sb_real)x[1], (sb_real)x[2]);
+    if (r->instance >= 0)
+        node->x = inp_moved(inp_instances(r) + r->instance, node->x);
     node->place = r->here;
+    inp_count_label(r, 0, label);
     inp_add_to_set(r, label);
 }
 
@@ -539,7 +664,8 @@ static inline void inp_begin_element(inp_reader *r)
     r->set = -1;
     r->is_flat = foreign_is_flat(type);
     if (set)
-        inp_open_set(r, set, 1);
+        inp_open_set(r, inp_scoped(r, set), 1);
+    inp_begin_own(r);
     if (!element && !r->is_flat) {
         if (*type)
             inp_complain(r, r->card_place, "elements %.40s are not read, only C3D4, C3D8, C3D10 and C3D20", type);
@@ -559,7 +685,8 @@ static inline void inp_data_element(inp_reader *r, char **fields, int count)
 {
     int at = 0, label;
     if (r->is_flat) {
-        if (r->wanted == 0 && count > 0 && inp_take_label(r, fields[0], "element", &label)) {
+        if (r->wanted == 0 && count > 0 && inp_take_own(r, fields[0], 1, &label)) {
+            inp_count_label(r, 1, label);
             inp_add_int(r, &r->flat, label);
             inp_add_to_set(r, label);
         }
@@ -567,11 +694,12 @@ static inline void inp_data_element(inp_reader *r, char **fields, int count)
     }
     if (r->wanted == 0) {
         inp_element *element;
-        if (!inp_take_label(r, fields[at++], "element", &label) ||
+        if (!inp_take_own(r, fields[at++], 1, &label) ||
             !(element = (inp_element *)inp_add(r, &r->elements, sizeof *element)))
             return;
         element->label = label;
         element->place = r->here;
+        inp_count_label(r, 1, label);
         inp_add_to_set(r, label);
         r->wanted = sb_element_node_count(r->element->type);
     }
@@ -583,7 +711,7 @@ static inline void inp_data_element(inp_reader *r, char **fields, int count)
             inp_complain(r, r->here, "the element has more nodes than a %s", r->element->inp);
             return;
         }
-        inp_take_label(r, fields[at], "node", &label);
+        inp_take_own(r, fields[at], 0, &label);
         inp_add_int(r, &r->element_nodes, label);
         r->wanted--;
     }
@@ -708,7 +836,8 @@ static inline void inp_data_density(inp_reader *r, char **fields, int count)
 
 static inline void inp_begin_section(inp_reader *r)
 {
-    const char *set = inp_keep(r, inp_need(r, "ELSET")), *material = inp_keep(r, inp_need(r, "MATERIAL"));
+    const char *set = inp_keep(r, inp_scoped(r, inp_need(r, "ELSET")));
+    const char *material = inp_keep(r, inp_need(r, "MATERIAL"));
     inp_section *section = (inp_section *)inp_add(r, &r->sections, sizeof *section);
     if (!section)
         return;
@@ -744,7 +873,7 @@ static inline void inp_data_equation(inp_reader *r, char **fields, int count)
         term->place = r->here;
         term->starts = r->wanted < 0;
         r->wanted = (r->wanted < 0 ? -r->wanted : r->wanted) - 1;
-        term->target = inp_name(fields[at]);
+        term->target = inp_scoped(r, inp_name(fields[at]));
         if (at + 2 >= count) {
             inp_complain(r, r->here, "a term is NODE, AXIS, COEFFICIENT");
             return;
@@ -802,7 +931,7 @@ static inline void inp_begin_surface(inp_reader *r)
     r->of_nodes = type && strcmp(type, "NODE") == 0;
     if (type && !r->of_nodes && strcmp(type, "ELEMENT") != 0)
         inp_complain(r, r->card_place, "*SURFACE, TYPE=%.40s is not understood, only ELEMENT and NODE", type);
-    r->surface = inp_keep(r, inp_need(r, "NAME"));
+    r->surface = inp_keep(r, inp_scoped_set(r, inp_need(r, "NAME")));
     for (int i = 0; i < r->surface_items.count; i++)
         if (strcmp(((const inp_surface_item *)r->surface_items.items)[i].surface, r->surface) == 0) {
             inp_complain(r, r->card_place, "surface %.80s is there already", r->surface);
@@ -828,7 +957,7 @@ static inline void inp_data_surface(inp_reader *r, char **fields, int count)
     if (!item)
         return;
     item->surface = r->surface;
-    item->target = inp_name(fields[0]);
+    item->target = inp_scoped(r, inp_name(fields[0]));
     item->face = face;
 }
 
@@ -911,7 +1040,7 @@ static inline void inp_data_boundary(inp_reader *r, char **fields, int count)
     int first, last, axes = count == 2 ? inp_named_axes(inp_name(fields[1])) : 0;
     double value = 0;
     inp_entry *entry;
-    char *target = inp_name(fields[0]);
+    const char *target = inp_scoped(r, inp_name(fields[0]));
     for (int axis = 0; axis < 3 && axes; axis++)
         if (axes >> axis & 1 && (entry = inp_add_entry(r, INP_BOUNDARY, target)) != NULL)
             entry->first = entry->last = axis;
@@ -1117,13 +1246,174 @@ static inline void inp_data_print(inp_reader *r, char **fields, int count)
     }
 }
 
+/* ---- parts and instances ------------------------------------------------------------------------------------ */
+
+static inline const inp_part *inp_find_part(const inp_reader *r, const char *name)
+{
+    for (int i = 0; i < r->parts.count; i++)
+        if (strcmp(inp_parts(r)[i].name, name) == 0)
+            return inp_parts(r) + i;
+    return NULL;
+}
+
+static inline int inp_find_instance(const inp_reader *r, const char *name)
+{
+    for (int i = 0; i < r->instances.count; i++)
+        if (*name && strcmp(inp_instances(r)[i].name, name) == 0)
+            return i;
+    return -1;
+}
+
+/* Whether the line, up to its end or a comma, is this keyword. */
+static inline int inp_is_keyword(const char *line, const char *name)
+{
+    line += strspn(line, " \t");
+    if (*line++ != '*')
+        return 0;
+    for (; *line && !strchr(",\r\n", *line); line++)
+        if (*line != ' ' && *line != '\t' && inp_upper(*line) != *name++)
+            return 0;
+    return *name == 0;
+}
+
+/* Keeps the lines up to *END PART. */
+static inline void inp_begin_part(inp_reader *r)
+{
+    inp_source *source = inp_sources(r) + r->stack[r->depth - 1];
+    const char *name = inp_keep(r, inp_need(r, "NAME"));
+    char *first = source->cursor, *at = first;
+    inp_part *part = inp_find_part(r, name) ? NULL : (inp_part *)inp_add(r, &r->parts, sizeof *part);
+    if (!part && !r->no_memory)
+        inp_complain(r, r->card_place, "part %.80s is there already", name);
+    if (r->scope >= 0 || r->assembly >= 0)
+        inp_complain(r, r->card_place, "*PART within an *ASSEMBLY");
+    if (source->pending)
+        inp_complain(r, r->card_place, "the *PART's keyword line ends in a comma");
+    if (part) {
+        part->name = name;
+        part->before = r->here;
+    }
+    for (; *at && !inp_is_keyword(at, "ENDPART"); source->line++) {
+        at += strcspn(at, "\n");
+        at += *at == '\n';
+    }
+    if (!*at)
+        inp_complain(r, r->card_place, "the *PART has no *END PART: the file may be cut off");
+    source->cursor = at + strcspn(at, "\n");
+    source->cursor += *source->cursor == '\n';
+    source->line += *at != 0;
+    if (!part)
+        return;
+    *at = 0;
+    part->text = inp_keep(r, first);
+}
+
+static inline inp_instance *inp_add_instance(inp_reader *r, const char *name)
+{
+    inp_instance *instance = (inp_instance *)inp_add(r, &r->instances, sizeof *instance);
+    if (!instance)
+        return NULL;
+    instance->name = name;
+    instance->cosine = 1;
+    for (int k = 0; k < 2; k++)
+        instance->offset[k] = r->most[k];
+    return instance;
+}
+
+static inline void inp_begin_assembly(inp_reader *r)
+{
+    if (r->instances.count > 0)
+        inp_complain(r, r->card_place, "there is an *ASSEMBLY already");
+    else if (inp_add_instance(r, ""))
+        r->assembly = 0;
+}
+
+static inline void inp_end_assembly(inp_reader *r)
+{
+    if (r->assembly < 0 || r->scope >= 0)
+        inp_complain(r, r->card_place, "*END ASSEMBLY without its *ASSEMBLY");
+    r->assembly = -1;
+}
+
+/* The part's lines come when those that say where it is have been read. */
+static inline void inp_begin_instance(inp_reader *r)
+{
+    const char *name = inp_keep(r, inp_need(r, "NAME"));
+    const inp_part *part = inp_find_part(r, inp_need(r, "PART"));
+    if (r->assembly < 0 || r->scope >= 0)
+        inp_complain(r, r->card_place, "*INSTANCE outside an *ASSEMBLY, or within another");
+    else if (inp_find_instance(r, name) >= 0)
+        inp_complain(r, r->card_place, "instance %.80s is there already", name);
+    else if (!part)
+        inp_complain(r, r->card_place, "there is no part %.80s", inp_parameter_of(r, "PART"));
+    else if (inp_add_instance(r, name)) {
+        r->scope = r->instances.count - 1;
+        r->opening = part;
+    }
+}
+
+/* DX, DY, DZ, then AX, AY, AZ, BX, BY, BZ, ANGLE: from A to B goes the axis, degrees. */
+static inline void inp_data_instance(inp_reader *r, char **fields, int count)
+{
+    double x[7] = {0, 0, 0, 0, 0, 0, 0}, length, angle;
+    int turns = r->data_lines == 2;
+    inp_instance *i;
+    sb_vec3 axis;
+    if (!r->opening)
+        return;
+    i = inp_instances(r) + r->scope;
+    if (count > (turns ? 7 : 3))
+        inp_complain(r, r->here, "an instance is placed by DX, DY, DZ and a line AX, AY, AZ, BX, BY, BZ, ANGLE");
+    for (int k = 0; k < count && k < (turns ? 7 : 3); k++)
+        if (*fields[k] && !inp_take_number(r, fields[k], 0, x + k))
+            return;
+    if (!turns) {
+        i->move = sb_v3((sb_real)x[0], (sb_real)x[1], (sb_real)x[2]);
+        return;
+    }
+    axis = sb_v3((sb_real)(x[3] - x[0]), (sb_real)(x[4] - x[1]), (sb_real)(x[5] - x[2]));
+    length = (double)sb_v3_norm(axis);
+    if (!(length > 0) || length > 1e30)
+        inp_complain(r, r->here, "the axis of an instance has no length");
+    else
+        i->axis = sb_v3_scale((sb_real)(1 / length), axis);
+    i->from = sb_v3((sb_real)x[0], (sb_real)x[1], (sb_real)x[2]);
+    angle = fmod(x[6], 360) * (3.14159265358979323846 / 180);
+    i->sine = sin(angle);
+    i->cosine = cos(angle);
+}
+
+static inline void inp_end_instance(inp_reader *r)
+{
+    if (r->scope < 0)
+        inp_complain(r, r->card_place, "*END INSTANCE without its *INSTANCE");
+    r->scope = -1;
+}
+
+/* What the card is about: what INSTANCE= names, or where it stands. */
+static inline void inp_find_scope(inp_reader *r)
+{
+    const char *name = inp_parameter_of(r, "INSTANCE");
+    r->instance = r->scope >= 0 ? r->scope : r->assembly;
+    if (!name)
+        return;
+    r->instance = inp_find_instance(r, name);
+    if (r->instance < 0)
+        inp_complain(r, r->card_place, "there is no instance %.80s", name);
+}
+
 /* ---- the table of keywords --------------------------------------------------------------------------------- */
 
 static const inp_keyword inp_keywords[] = {
     {"NODE", " NSET ", INP_IN_MODEL, inp_begin_node, inp_data_node, 0, 0},
     {"ELEMENT", " TYPE ELSET ", INP_IN_MODEL, inp_begin_element, inp_data_element, 0, 0},
-    {"NSET", " NSET GENERATE ELSET UNSORTED INTERNAL ", INP_ANYWHERE, inp_begin_set, inp_data_set, 0, 0},
-    {"ELSET", " ELSET GENERATE UNSORTED INTERNAL ", INP_ANYWHERE, inp_begin_set, inp_data_set, 0, 0},
+    {"NSET", " NSET GENERATE ELSET UNSORTED INTERNAL INSTANCE ", INP_ANYWHERE, inp_begin_set, inp_data_set, 0, 0},
+    {"ELSET", " ELSET GENERATE UNSORTED INTERNAL INSTANCE ", INP_ANYWHERE, inp_begin_set, inp_data_set, 0, 0},
+    {"PART", " NAME ", INP_IN_MODEL, inp_begin_part, NULL, 0, 0},
+    {"ASSEMBLY", " NAME ", INP_IN_MODEL, inp_begin_assembly, NULL, 0, 0},
+    {"ENDASSEMBLY", " ", INP_IN_MODEL, inp_end_assembly, NULL, 0, 0},
+    {"INSTANCE", " NAME PART ", INP_IN_MODEL, inp_begin_instance, inp_data_instance, 0, 2},
+    {"ENDINSTANCE", " ", INP_IN_MODEL, inp_end_instance, NULL, 0, 0},
     {"SURFACE", " NAME TYPE INTERNAL ", INP_IN_MODEL, inp_begin_surface, inp_data_surface, 1, 0},
     {"TIE", " NAME ADJUST POSITIONTOLERANCE ", INP_IN_MODEL, inp_begin_tie, inp_data_tie, 1, 0},
     {"MATERIAL", " NAME ", INP_IN_MODEL, inp_begin_material, NULL, 0, 0},
@@ -1160,14 +1450,15 @@ enum { INP_KEYWORD_COUNT = (int)(sizeof inp_keywords / sizeof inp_keywords[0]) }
 
 /* ---- lines ------------------------------------------------------------------------------------------------- */
 
-/* Opens a file below the one that is being read; its text lives as long as the reader. */
-static inline void inp_open(inp_reader *r, char *path, char *text)
+/* Opens a file below the one that is being read, or lines of one behind its first `line`; text and path live as long as
+ * the reader. */
+static inline void inp_open(inp_reader *r, char *path, char *text, int line)
 {
     int is_more = r->depth == INP_MAX_DEPTH || r->sources.count == INP_MAX_FILES;
     inp_source *source = is_more ? NULL : (inp_source *)inp_add(r, &r->sources, sizeof *source);
     if (!source) {
         if (is_more)
-            inp_complain(r, r->card_place, "files are included more than %d deep, or more than %d of them",
+            inp_complain(r, r->card_place, "files and instances are more than %d deep, or more than %d of them",
                          (int)INP_MAX_DEPTH - 1, (int)INP_MAX_FILES - 1);
         free(path);
         free(text);
@@ -1175,7 +1466,26 @@ static inline void inp_open(inp_reader *r, char *path, char *text)
     }
     source->text = source->cursor = text;
     source->path = path;
+    source->line = line;
     r->stack[r->depth++] = r->sources.count - 1;
+}
+
+/* Reads the part of an instance before `line`, which then comes again. */
+static inline void inp_open_part(inp_reader *r, char *line)
+{
+    const inp_part *part = r->opening;
+    size_t size = strlen(part->text) + 1, path_size = strlen(part->before.path) + 1;
+    char *text = (char *)inp_allocate(r, size, 1), *path = (char *)inp_allocate(r, path_size, 1);
+    r->opening = NULL;
+    inp_sources(r)[r->stack[r->depth - 1]].pending = line;
+    if (text && path) {
+        memcpy(text, part->text, size);
+        memcpy(path, part->before.path, path_size);
+        inp_open(r, path, text, part->before.line);
+    } else {
+        free(text);
+        free(path);
+    }
 }
 
 /* 1 for a path that stays within the folder of the case. */
@@ -1208,7 +1518,7 @@ static inline void inp_include(inp_reader *r)
         }
     text = path ? case_read_text(path, &reason) : NULL;
     if (text) {
-        inp_open(r, path, text);
+        inp_open(r, path, text, 0);
     } else {
         inp_complain(r, r->card_place, "%.200s: %s", name, reason);
         free(path);
@@ -1218,21 +1528,22 @@ static inline void inp_include(inp_reader *r)
 /* The next line that is no comment and not empty, without blanks around it; NULL at the end. */
 static inline char *inp_next_line(inp_reader *r)
 {
-    if (r->pending) {
-        char *line = r->pending;
-        r->pending = NULL;
-        return line;
-    }
     while (r->depth > 0) {
         inp_source *source = inp_sources(r) + r->stack[r->depth - 1];
-        char *line = source->cursor, *end = line + strcspn(line, "\n");
+        char *line = source->pending ? source->pending : source->cursor, *end;
+        r->here.path = source->path;
+        r->here.line = source->line;
+        if (source->pending) {
+            source->pending = NULL;
+            return line;
+        }
+        end = line + strcspn(line, "\n");
         if (!*line) {
             r->depth--;
             continue;
         }
         source->cursor = *end ? end + 1 : end;
         *end = 0;
-        r->here.path = source->path;
         r->here.line = ++source->line;
         line = inp_trim(line);
         if (strncmp(line, "**", 2) == 0) {
@@ -1295,7 +1606,7 @@ static inline void inp_take_card(inp_reader *r, char *line)
             break;
         line = inp_next_line(r);
         if (line && line[0] == '*') {
-            r->pending = line;
+            inp_sources(r)[r->stack[r->depth - 1]].pending = line;
             break;
         }
     }
@@ -1349,6 +1660,7 @@ static inline void inp_begin_card(inp_reader *r, char *line)
         r->keyword = NULL;
     } else {
         inp_check_parameters(r, r->keyword);
+        inp_find_scope(r);
         if (r->keyword->begin)
             r->keyword->begin(r);
     }
@@ -1359,7 +1671,10 @@ static inline void inp_parse(inp_reader *r)
     char *line, *fields[INP_MAX_FIELDS];
     while (!r->no_memory && r->c->faults.count < INP_MAX_FAULTS && (line = inp_next_line(r)) != NULL) {
         if (line[0] == '*') {
-            inp_begin_card(r, line);
+            if (r->opening)
+                inp_open_part(r, line);
+            else
+                inp_begin_card(r, line);
             continue;
         }
         if (!r->seen_card || r->included)
@@ -1377,6 +1692,8 @@ static inline void inp_parse(inp_reader *r)
             r->keyword->data(r, fields, inp_split(r, line, fields));
     }
     inp_end_lines(r);
+    if ((r->scope >= 0 || r->assembly >= 0) && r->c->faults.count == 0)
+        inp_complain(r, r->here, "the *ASSEMBLY or an *INSTANCE has no end: the file may be cut off");
 }
 
 /* ---- building: labels to places ---------------------------------------------------------------------------- */
@@ -1387,15 +1704,6 @@ static inline int inp_compare_pairs(const void *a, const void *b)
     if (left->label != right->label)
         return left->label < right->label ? -1 : 1;
     return left->at < right->at ? -1 : left->at > right->at;
-}
-
-static inline void *inp_allocate(inp_reader *r, size_t count, size_t size)
-{
-    void *memory = r->no_memory ? NULL : calloc(count ? count : 1, size);
-    if (!memory && !r->no_memory)
-        inp_complain(r, r->here, "out of memory");
-    r->no_memory |= !memory;
-    return memory;
 }
 
 /* A map of labels that lie `stride` bytes apart. */
@@ -1561,19 +1869,38 @@ static inline const int *inp_target(inp_reader *r, int label, int of_elements, i
     return single;
 }
 
+/* A label without an instance is the assembly's, where there is one; 0: it has none. */
+static inline int inp_assembly_label(const inp_reader *r, int of_elements, int *label)
+{
+    for (int i = 0; i < r->instances.count; i++) {
+        const inp_instance *own = inp_instances(r) + i;
+        if (*own->name)
+            continue;
+        if (!own->has_own)
+            return 0;
+        *label = *label > 0 && *label <= INT_MAX - own->offset[of_elements] ? *label + own->offset[of_elements] : 0;
+    }
+    return 1;
+}
+
 /* What a data line names: a set, or one label. */
 static inline const int *inp_targets(inp_reader *r, const char *target, int of_elements, inp_place place, int *single,
                                      int *count)
 {
-    int label, set = inp_find_set(r, target, of_elements);
+    int label, set = inp_find_set(r, target, of_elements), in_instance;
     const char *what = of_elements ? "element" : "node";
     *count = 0;
     if (set >= 0) {
         *count = inp_sets(r)[set].items.count;
         return (const int *)inp_sets(r)[set].items.items;
     }
-    if (!case_scan_integer(target, &label)) {
+    in_instance = inp_label_of_instance(r, target, of_elements, &label);
+    if (!in_instance && !case_scan_integer(target, &label)) {
         inp_complain(r, place, "there is no set of %ss %.80s", what, target);
+        return NULL;
+    }
+    if (!in_instance && !inp_assembly_label(r, of_elements, &label)) {
+        inp_complain(r, place, "the assembly has no %ss of its own: INSTANCE.%s is one of an instance", what, target);
         return NULL;
     }
     return inp_target(r, label, of_elements, place, single, count);
@@ -2351,9 +2678,9 @@ static inline void inp_build(inp_reader *r)
 
 static inline void inp_free(inp_reader *r)
 {
-    inp_list *lists[] = {&r->sources,   &r->nodes,    &r->elements,   &r->element_nodes, &r->flat, &r->sets,
-                         &r->materials, &r->sections, &r->amplitudes, &r->surface_items, &r->ties, &r->entries,
-                         &r->terms,     &r->probes,   &r->pressures,  &r->steps};
+    inp_list *lists[] = {&r->sources,   &r->nodes,    &r->elements,   &r->element_nodes, &r->flat,  &r->sets,
+                         &r->materials, &r->sections, &r->amplitudes, &r->surface_items, &r->ties,  &r->entries,
+                         &r->terms,     &r->probes,   &r->pressures,  &r->steps,         &r->parts, &r->instances};
     for (int i = 1; i < r->sources.count; i++) { /* the first is the case's */
         free(inp_sources(r)[i].text);
         free(inp_sources(r)[i].path);
@@ -2391,7 +2718,7 @@ static inline void inp_start(inp_reader *r, case_file *c)
 {
     memset(r, 0, sizeof *r);
     r->c = c;
-    r->set = -1;
+    r->set = r->assembly = r->scope = r->instance = -1;
     r->here.path = c->path;
     r->card_name = "";
 }
@@ -2415,7 +2742,7 @@ static inline int inp_read(case_file *c, const char *path)
     if (!case_start(c, path))
         return 0;
     inp_start(&r, c);
-    inp_open(&r, c->path, c->text);
+    inp_open(&r, c->path, c->text, 0);
     inp_parse(&r);
     if (c->faults.count == 0 && !r.no_memory)
         inp_build(&r);

@@ -152,7 +152,7 @@ static void test_refused(void)
     check_refused("*NODE, NSET=A\n1, 0\n2, 1\n3, 0, 1\n*ELEMENT, TYPE=C3D4\n1, 1, 2, 3, 4\n", 6,
                   "node 4 of the element is not");
     check_refused("*NSET, NSET=A, GENERATE\n5, 1\n", 2, "no ascending row");
-    check_refused("*NSET, NSET=A, INSTANCE=B\n", 1, "parameter INSTANCE of *NSET");
+    check_refused("*NSET, NSET=A, INSTANCE=B\n", 1, "there is no instance B");
     check_refused(CUBE "*STEP\n", AFTER_CUBE + 1, "there is no *STEP with");
     check_refused(CUBE "*STEP\n*END STEP\n", AFTER_CUBE + 2, "the step has no *STATIC");
     check_refused(CUBE "*STEP\n*STATIC\n*CLOAD\n9,1,1\n", AFTER_CUBE + 4, "node 9 is not there");
@@ -341,6 +341,90 @@ static void test_tie(void)
 }
 
 /* Numbers: written and read again, shifted, they are the same; and CalculiX sees them in 20 characters. */
+/* Each instance is the part anew, moved, then turned; names and labels in it are its own. 10 N on 1 m^2, 2 m long,
+ * E = 1000 Pa: 20 mm. */
+static void test_assembly(void)
+{
+    static const double corner[4][2] = {{1, 0}, {1, 1}, {0, 1}, {0, 0}}; /* of the second brick, turned by 90 degrees */
+    case_file c;
+    int ok = inp_read(&c, "tests/data/assembly.inp");
+    sb_vec3 u;
+    if (CHECK(ok)) {
+        CHECK_INT(c.mesh.node_count, 17);
+        CHECK_INT(c.mesh.element_count, 2);
+        CHECK_INT(c.element_numbers[0], 3); /* labels of the first instance stay, the second's are counted on */
+        CHECK_INT(c.element_numbers[1], 6);
+        for (int i = 0; i < 17; i++)
+            CHECK_INT(c.node_numbers[i], i + 1);
+        for (int i = 0; i < 8; i++) {
+            CHECK_NEAR(c.mesh.nodes[8 + i].x, corner[i % 4][0], 1e-6);
+            CHECK_NEAR(c.mesh.nodes[8 + i].y, corner[i % 4][1], 1e-6);
+            CHECK_NEAR(c.mesh.nodes[8 + i].z, i < 4 ? 1 : 2, 1e-6);
+        }
+        CHECK_INT(c.mesh.regions[0], 1);
+        CHECK_INT(c.mesh.regions[1], 2);
+    }
+    u = solve_foreign(&c, ok, 16);
+    CHECK_NEAR(u.z, 0.02, SB_REAL_IS_FLOAT ? 1e-5 : 1e-9);
+}
+
+/* An assembly of two bricks of one part up to its end, a line for each card. */
+#define PART "*PART, NAME=P\n" CUBE_MESH "*SURFACE, NAME=S\n1, S2\n*END PART\n"
+enum { AFTER_PART = 1 + 13 + 3 };
+#define PLACED                                                                                                         \
+    PART "*ASSEMBLY\n*INSTANCE, NAME=A, PART=P\n*END INSTANCE\n*INSTANCE, NAME=B, PART=P\n0,0,2\n*END INSTANCE\n"
+enum { AFTER_PLACED = AFTER_PART + 6 };
+
+static void test_assembly_refused(void)
+{
+    static const struct {
+        const char *text;
+        int line;
+        const char *words;
+    } wrong[] = {
+        {"*PART, NAME=P\n*NODE\n1,0,0,0\n", 1, "no *END PART"},
+        {PART PART, AFTER_PART + 1, "part P is there already"},
+        {PART "*INSTANCE, NAME=A, PART=P\n", AFTER_PART + 1, "outside an *ASSEMBLY"},
+        {PART "*ASSEMBLY\n*INSTANCE, NAME=A, PART=Q\n", AFTER_PART + 2, "there is no part Q"},
+        {PART "*ASSEMBLY\n*PART, NAME=Q\n*END PART\n*END ASSEMBLY\n", AFTER_PART + 2, "*PART within"},
+        {PART "*ASSEMBLY\n*INSTANCE, NAME=A, PART=P\n1,2,3,4\n*END INSTANCE\n*END ASSEMBLY\n", AFTER_PART + 3,
+         "is placed by"},
+        {PART "*ASSEMBLY\n*INSTANCE, NAME=A, PART=P\n0,0,0\n1,1,1,1,1,1,90\n*END INSTANCE\n*END ASSEMBLY\n",
+         AFTER_PART + 4, "axis of an instance"},
+        {PART "*ASSEMBLY\n*INSTANCE, NAME=A, PART=P\n0,nan,0\n*END INSTANCE\n*END ASSEMBLY\n", AFTER_PART + 3,
+         "no finite number"},
+        {PART "*ASSEMBLY\n*INSTANCE, NAME=A, PART=P\n", AFTER_PART + 2, "has no end"},
+        {PLACED "*INSTANCE, NAME=B, PART=P\n*NSET, NSET=N\n1\n*END ASSEMBLY\n", AFTER_PLACED + 1,
+         "instance B is there already"},
+        {PLACED "*ASSEMBLY\n*END ASSEMBLY\n", AFTER_PLACED + 1, "an *ASSEMBLY already"},
+        {PLACED "*NSET, NSET=N\nC.1\n*END ASSEMBLY\n", AFTER_PLACED + 2, "there is no set C.1"},
+        {PLACED "*NSET, NSET=N, INSTANCE=B\n2147483640\n*END ASSEMBLY\n", AFTER_PLACED + 2, "too large"},
+        {PLACED "*END ASSEMBLY\n*END ASSEMBLY\n", AFTER_PLACED + 2, "*END ASSEMBLY without"},
+        {"*END INSTANCE\n", 1, "*END INSTANCE without"},
+        {"*PART, NAME=P\n*INSTANCE, NAME=I, PART=P\n*END PART\n*ASSEMBLY\n*INSTANCE, NAME=A, PART=P\n*END INSTANCE\n"
+         "*END ASSEMBLY\n",
+         2, "or within another"},
+    };
+    /* what only a whole model shows */
+    static const struct {
+        const char *load;
+        const char *words;
+    } loads[] = {{"*CLOAD\n1, 1, 1\n", "the assembly has no nodes of its own"},
+                 {"*CLOAD\nB.9, 1, 1\n", "node 17 is not there"},
+                 {"*CLOAD\nTOP, 1, 1\n", "there is no set of nodes TOP"},
+                 {"*DSLOAD\nS, P, 1\n", "there is no surface S of elements"}};
+    for (int i = 0; i < (int)(sizeof wrong / sizeof wrong[0]); i++)
+        check_refused(wrong[i].text, wrong[i].line, wrong[i].words);
+    for (int i = 0; i < (int)(sizeof loads / sizeof loads[0]); i++) {
+        char text[2000];
+        snprintf(text, sizeof text,
+                 "%s*ELSET, ELSET=E\nA.ALL, B.ALL\n*END ASSEMBLY\n*MATERIAL, NAME=M\n*ELASTIC\n1000,0\n*DENSITY\n2\n"
+                 "*SOLID SECTION, ELSET=E, MATERIAL=M\n*STEP, NLGEOM\n*STATIC\n%s*END STEP\n",
+                 PLACED, loads[i].load);
+        check_refused(text, AFTER_PLACED + 12 + 1, loads[i].words);
+    }
+}
+
 static void test_numbers(void)
 {
     unsigned long long state = 7;
@@ -515,6 +599,8 @@ static void test_size(void)
 CHECK_SUITE(inp, {"a column in all forms of lines", test_column}, {"ten mistakes", test_mistakes},
             {"labels", test_labels}, {"mistakes, one at a time", test_refused},
             {"loads and supports over steps", test_steps}, {"equations, CRLF", test_equation},
-            {"faces by number and surface", test_faces}, {"tied surfaces", test_tie}, {"numbers", test_numbers},
-            {"reference cases", test_reference}, {"reference cases there and back", test_round},
-            {"random cases there and back", test_random_round}, {"100,000 elements", test_size});
+            {"faces by number and surface", test_faces}, {"tied surfaces", test_tie},
+            {"parts and instances", test_assembly}, {"assemblies that are none", test_assembly_refused},
+            {"numbers", test_numbers}, {"reference cases", test_reference},
+            {"reference cases there and back", test_round}, {"random cases there and back", test_random_round},
+            {"100,000 elements", test_size});
