@@ -1276,35 +1276,46 @@ static inline int inp_is_keyword(const char *line, const char *name)
     return *name == 0;
 }
 
-/* Keeps the lines up to *END PART. */
-static inline void inp_begin_part(inp_reader *r)
+/* Passes over the lines up to *END PART and returns where that begins; NULL: it is not there. */
+static inline char *inp_pass_part(inp_source *source)
 {
-    inp_source *source = inp_sources(r) + r->stack[r->depth - 1];
-    const char *name = inp_keep(r, inp_need(r, "NAME"));
-    char *first = source->cursor, *at = first;
-    inp_part *part = inp_find_part(r, name) ? NULL : (inp_part *)inp_add(r, &r->parts, sizeof *part);
-    if (!part && !r->no_memory)
-        inp_complain(r, r->card_place, "part %.80s is there already", name);
-    if (r->scope >= 0 || r->assembly >= 0)
-        inp_complain(r, r->card_place, "*PART within an *ASSEMBLY");
-    if (source->pending)
-        inp_complain(r, r->card_place, "the *PART's keyword line ends in a comma");
-    if (part) {
-        part->name = name;
-        part->before = r->here;
-    }
+    char *at = source->cursor, *end;
     for (; *at && !inp_is_keyword(at, "ENDPART"); source->line++) {
         at += strcspn(at, "\n");
         at += *at == '\n';
     }
-    if (!*at)
-        inp_complain(r, r->card_place, "the *PART has no *END PART: the file may be cut off");
-    source->cursor = at + strcspn(at, "\n");
-    source->cursor += *source->cursor == '\n';
+    end = at + strcspn(at, "\n");
+    source->cursor = *end ? end + 1 : end;
     source->line += *at != 0;
+    return *at ? at : NULL;
+}
+
+/* Keeps the lines up to *END PART. */
+static inline void inp_begin_part(inp_reader *r)
+{
+    inp_source *source = r->depth > 0 ? inp_sources(r) + r->stack[r->depth - 1] : NULL;
+    const char *name = inp_keep(r, inp_need(r, "NAME"));
+    char *first = source ? source->cursor : NULL, *end;
+    inp_place before = r->here;
+    inp_part *part;
+    if (!source || source->pending) {
+        inp_complain(r, r->card_place, "the *PART's keyword line ends in a comma");
+        return;
+    }
+    if (inp_find_part(r, name))
+        inp_complain(r, r->card_place, "part %.80s is there already", name);
+    if (r->scope >= 0 || r->assembly >= 0)
+        inp_complain(r, r->card_place, "*PART within an *ASSEMBLY");
+    end = inp_pass_part(source);
+    if (!end)
+        inp_complain(r, r->card_place, "the *PART has no *END PART: the file may be cut off");
+    else
+        *end = 0;
+    part = (inp_part *)inp_add(r, &r->parts, sizeof *part);
     if (!part)
         return;
-    *at = 0;
+    part->name = name;
+    part->before = before;
     part->text = inp_keep(r, first);
 }
 

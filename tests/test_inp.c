@@ -383,6 +383,8 @@ static void test_assembly_refused(void)
         const char *words;
     } wrong[] = {
         {"*PART, NAME=P\n*NODE\n1,0,0,0\n", 1, "no *END PART"},
+        {"*PART, NAME=P,", 1, "ends in a comma"},
+        {"*PART, NAME=P,\n*NODE\n1,0,0,0\n", 1, "ends in a comma"},
         {PART PART, AFTER_PART + 1, "part P is there already"},
         {PART "*INSTANCE, NAME=A, PART=P\n", AFTER_PART + 1, "outside an *ASSEMBLY"},
         {PART "*ASSEMBLY\n*INSTANCE, NAME=A, PART=Q\n", AFTER_PART + 2, "there is no part Q"},
