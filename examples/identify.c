@@ -1,12 +1,18 @@
-/* identify: moduli of a phantom with a stiff core, from indentation.
+/* identify: moduli of a body from what was measured of it, or of a phantom with a stiff core, from indentation.
  *
+ *     identify [OPTIONS] CASE READINGS [CASE READINGS ...]
  *     identify [OPTIONS] [READINGS]      identify --help lists them
  *
- * A soft block of 5 cm with a core is pressed in at its top in several depths; its force and the places of eight
- * markers are read, with noise (Suwelack 2014, 9.2). The moduli of shell and core are sought from these readings, or
- * from those of a file, for the core's size as it is said to be and for sizes about it, since nobody knows it. Written
- * are the readings (NAME.txt, as the program reads them) and a chart of the misfit and of the moduli over the size
- * (NAME.svg). What counts is told beside each value: its deviation, and the share of its influence that is its own: try
+ * With cases: E (--young) and nu (--poisson) of regions are sought from displacements of nodes and forces on supports
+ * in one or several states, see identify_case.h; each with its deviation and the share of its influence that is its
+ * own.
+ *
+ * Without: a soft block of 5 cm with a core is pressed in at its top in several depths; its force and the places of
+ * eight markers are read, with noise (Suwelack 2014, 9.2). The moduli of shell and core are sought from these readings,
+ * or from those of a file, for the core's size as it is said to be and for sizes about it, since nobody knows it.
+ * Written are the readings (NAME.txt, as the program reads them) and a chart of the misfit and of the moduli over the
+ * size (NAME.svg). What counts is told beside each value: its deviation, and the share of its influence that is its
+ * own: try
  * --force.
  *
  * READINGS: a line `depth M FX FY FZ SIGMA` (m, N) for each of the three states, and after it one `marker NODE X Y Z
@@ -17,6 +23,7 @@
 #define SB_IMPLEMENTATION
 #include "softbody.h"
 
+#include "identify_case.h"
 #include "options.h"
 #include "plot.h"
 
@@ -24,6 +31,8 @@ enum { EXIT_USAGE = 2, EXIT_SOLVE = 3, MARKERS = 8, STATES = 3, SIZES = 7, CELLS
 
 typedef struct settings {
     double shell, core, size, noise;
+    double sigma;
+    const char *young, *poisson;
     int force_only, seed, help;
     const char *out;
 } settings;
@@ -323,6 +332,73 @@ static void scan(phantom *p, const char *path, int *written, sb_error *error)
     *written = count > 0 && draw_chart(path, sizes, values, count);
 }
 
+/* ---- cases ------------------------------------------------------------------------------------------------------- */
+
+static int read_cases(identify_cases *all, const settings *s, const char *const *paths)
+{
+    for (int i = 0; paths[i]; i += 2) {
+        if (!paths[i + 1])
+            return identify_fail(all, paths[i], 0, "a case needs its readings after it");
+        if (!identify_add_state(all, paths[i], paths[i + 1], (sb_real)s->sigma))
+            return 0;
+    }
+    if ((*s->young && !identify_add_values(all, SB_PARAMETER_YOUNG, s->young)) ||
+        (*s->poisson && !identify_add_values(all, SB_PARAMETER_POISSON, s->poisson)))
+        return 0;
+    return all->count > 0 ? identify_make_body(all)
+                          : identify_fail(all, paths[0], 0, "nothing is sought: --young or --poisson");
+}
+
+static void tell_values(const identify_cases *all, const sb_real *starts, const sb_real *deviations,
+                        const sb_real *shares, const sb_identify_info *info)
+{
+    for (int k = 0; k < all->count; k++) {
+        int of_young = all->parameters[k].kind == SB_PARAMETER_YOUNG;
+        printf("value %d: %s of region %d %.6g%s from %.6g, deviation %.2g, own share %.3f\n", k,
+               of_young ? "Young's modulus" : "Poisson's ratio", all->parameters[k].region, (double)all->values[k],
+               of_young ? " Pa" : "", (double)starts[k], (double)deviations[k], (double)shares[k]);
+    }
+    printf("chi2 %.1f of %d readings, %d steps, %d solves\n", info->chi2, info->readings, info->iterations,
+           info->solves);
+    printf("least certain together: %s\n", info->hidden);
+    if (info->weakest < (sb_real)0.1)
+        printf("these readings hardly tell the values apart: believe none of them alone\n");
+    if (info->warnings & SB_IDENTIFY_MISFIT)
+        printf("the readings are %s than their sigmas say: the model, or a sigma, is wrong\n",
+               info->chi2 > info->readings ? "farther off" : "nearer");
+    if (info->warnings & SB_IDENTIFY_LOCKS)
+        printf("these elements lock near incompressibility: moduli come out too small\n");
+}
+
+static int run_cases(const settings *s, const char *const *paths)
+{
+    identify_cases *all = (identify_cases *)calloc(1, sizeof *all);
+    sb_real starts[IDENTIFY_VALUES], deviations[IDENTIFY_VALUES], shares[IDENTIFY_VALUES];
+    sb_identify_info info;
+    int status = EXIT_USAGE;
+    if (!all)
+        return EXIT_SOLVE;
+    if (read_cases(all, s, paths)) {
+        memcpy(starts, all->values, sizeof starts);
+        status = identify_solve(all, deviations, shares, &info) == SB_OK ? 0 : EXIT_SOLVE;
+    }
+    if (status == 0)
+        tell_values(all, starts, deviations, shares, &info);
+    else if (all->state_count > 0 && all->states[all->state_count - 1].file.faults.text)
+        fputs(all->states[all->state_count - 1].file.faults.text, stderr); /* all mistakes of the file */
+    else
+        fprintf(stderr, "identify: %s\n", all->message);
+    identify_free(all);
+    free(all);
+    return status;
+}
+
+static int is_case(const char *path)
+{
+    return foreign_ends_in(path, "case") || foreign_ends_in(path, "inp") || foreign_ends_in(path, "feb") ||
+           foreign_ends_in(path, "msml.xml");
+}
+
 /* ---- the program ------------------------------------------------------------------------------------------------- */
 
 static int complain(const char *what, const sb_error *error)
@@ -366,11 +442,16 @@ static int run(phantom *p, const settings *s, const char *readings)
 
 static int program(int argc, char **argv)
 {
-    settings s = {4000, 12000, 0.021, 1, 0, 1, 0, "identify"};
-    const char *readings = NULL;
+    settings s = {4000, 12000, 0.021, 1, 1e-4, "", "", 0, 1, 0, "identify"};
+    const char *files[2 * IDENTIFY_STATES + 1] = {NULL};
     phantom *p;
     int status;
     const option options[] = {
+        {"--young", "LIST", OPTION_TEXT, NULL, NULL, &s.young, 0, 0,
+         "of cases: regions like 1,2, or all, whose E is sought"},
+        {"--poisson", "LIST", OPTION_TEXT, NULL, NULL, &s.poisson, 0, 0, "and whose nu is"},
+        {"--sigma", "M", OPTION_NUMBER, NULL, &s.sigma, NULL, 1e-12, 1e3,
+         "deviation of coordinates whose file tells none"},
         {"--shell", "PA", OPTION_NUMBER, NULL, &s.shell, NULL, 100, 1e6, "Young's modulus of the shell"},
         {"--core", "PA", OPTION_NUMBER, NULL, &s.core, NULL, 100, 1e6, "and of the core"},
         {"--size", "M", OPTION_NUMBER, NULL, &s.size, NULL, 0.0063, 0.0437, "edge of the core, also for the search"},
@@ -381,17 +462,23 @@ static int program(int argc, char **argv)
         {"--help", NULL, OPTION_FLAG, &s.help, NULL, NULL, 0, 0, "this text"},
     };
     const int count = (int)(sizeof options / sizeof options[0]);
-    if (!options_parse("identify", options, count, &readings, 1, argc, argv))
+    if (!options_parse("identify", options, count, files, 2 * IDENTIFY_STATES, argc, argv))
         return EXIT_USAGE;
     if (s.help) {
-        printf("usage: identify [OPTIONS] [READINGS]\n");
+        printf("usage: identify [OPTIONS] CASE READINGS [CASE READINGS ...]\n       identify [OPTIONS] [READINGS]\n");
         options_print(options, count);
         return 0;
+    }
+    if (files[0] && is_case(files[0]))
+        return run_cases(&s, files);
+    if (files[1]) {
+        fprintf(stderr, "identify: %s is no case\n", files[0]);
+        return EXIT_USAGE;
     }
     p = (phantom *)calloc(1, sizeof *p);
     if (!p)
         return EXIT_SOLVE;
-    status = run(p, &s, readings);
+    status = run(p, &s, files[0]);
     sb_body_destroy(p->body);
     sb_mesh_free(&p->mesh);
     free(p);

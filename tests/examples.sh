@@ -700,6 +700,56 @@ expect 2 'no-such-folder/x.txt cannot be written' identify -o no-such-folder/x
 expect 2 '--size needs a number' identify --size 0.006
 expect 2 '--size needs a number' identify --size 0.045
 expect 2 '--noise needs a number' identify --noise -1
+# of a model whose moduli are half and twice what they were when it was "measured", in two states
+sed -e 's/^1E7, 4.8E-8/5E6, 9.6E-8/' -e 's/^3E7, 1E7, 2E-8/6E7, 2E7, 1E-8/' "$tests/block.inp" >seek.inp
+expect 0 'converged' case_solve "$tests/block.inp" -p seen_
+expect 0 '^value 0: Young.s modulus of region 3 5172.41 Pa from 2586.21, .* share 0' identify seek.inp seen_displacement.txt --young all
+check "and the other's" grep -q '^value 1: Young.s modulus of region 5 15000 Pa from 30000' output.txt
+echo 'output reaction reaction.txt' >>block.case
+expect 0 'converged' case_solve block.case -p first_
+sed -e 's/ value=100$/ value=250/' -e 's/^gravity .*/spring file=hook.txt/' block.case >pressed.case
+echo '35 5 0.03 0.02 0.03' >hook.txt
+expect 0 'converged' case_solve pressed.case -p second_
+printf '%s\n' 0 4 8 12 16 20 24 28 32 >base.txt
+awk 'NR == FNR { base[$1] = 1; next } base[$1] { x += $2; y += $3; z += $4 }
+    END { printf "# of the base\r\nsigma 1e-5\nforce base.txt %.9g %.9g nan 0.01\n", x, y }' base.txt first_reaction.txt >force.txt
+{ cat force.txt && sed -n '10,20p' first_displacement.txt; } >first.txt
+for file in block pressed; do
+    sed 's/C10=1000 D1=0.00048[0-9]*/C10=2000 D1=0.00024/' $file.case >seek_$file.case
+done
+expect 0 '^value 0: Young.s modulus of region 3 5172.4[0-9]* Pa from 10344.8, .* share 1.000' \
+    identify seek_block.case first.txt seek_pressed.case second_displacement.txt --young 3
+check "forces and places are counted" grep -q '^chi2 [0-9.e-]* of 143 readings' output.txt
+expect 0 'nearer than their sigmas say' identify seek_block.case first_displacement.txt --young 3
+expect 2 'has no region 4' identify seek_block.case first.txt --young 4
+expect 2 'or region 3 twice' identify seek_block.case first.txt --young 3,3
+expect 2 'is no list of regions' identify seek_block.case first.txt --poisson 3,
+expect 2 'nothing is sought' identify seek_block.case first.txt
+expect 2 'needs its readings' identify seek_block.case --young 3
+expect 2 'is not that of the first' identify seek_block.case first.txt "$tests/column.inp" first.txt --young 3
+expect 2 'first.txt is no case' identify first.txt seek_block.case
+expect 2 'no-such.case' identify no-such.case first.txt --young 3
+expect 2 'no-such.txt' identify seek_block.case no-such.txt --young 3
+expect 2 'mistakes.inp:8: elements C3D8R' identify "$tests/mistakes.inp" first.txt --young 3
+sed 's/^solve .*/solve euler dt=0.1 end=1/' block.case >moving.case
+expect 2 'sought in static solves' identify moving.case first.txt --young 3
+refused() { # refused WORDS LINE: a reading that is none
+    echo "$2" >wrong.txt
+    expect 2 "wrong.txt:1: $1" identify seek_block.case wrong.txt --young 3
+}
+refused 'the line begins with no node' '36 0 0 0'
+refused 'the line begins with no node' 'force'"'"'s 1'
+refused 'a reading is NODE' '3 0 0'
+refused 'a reading is NODE' '3 0 0 inf'
+refused 'the line holds more' '3 0 0 0 0'
+refused 'sigma needs metres' 'sigma 0'
+refused 'a force is NODES' 'force base.txt 1 2 3 0'
+refused 'No such file' 'force none.txt 1 2 3 1'
+refused 'a line of the list is no node' 'force first.txt 1 2 3 1'
+: >empty.txt
+expect 2 'empty.txt: it holds no readings' identify seek_block.case empty.txt --young 3
+echo '0 0 0 0' >seen_none.txt
+expect 3 'no reading changes with value 0'  identify seek_block.case seen_none.txt --young 3
 
 # ---- track_liver ----
 expect 0 '^usage: track_liver' track_liver --help
