@@ -16,8 +16,9 @@
  * of all others. The box plot has median, quartiles, and the 5th and 95th percentile of the errors of all nodes.
  *
  * --study FILE does every pattern for --seeds seeds of chance, a row of the file for each, and --shard I/N a share of
- * them, to be run on many machines: see examples/study. What is in the file already is not done again.
- * Exit status: 0, 2 wrong usage or a file that cannot be read or written, 3 no memory, or a method that failed. */
+ * them, to be run on many machines: see examples/study. What is in the file already is not done again; a method that
+ * fails there is told in its row. Exit status: 0, 2 wrong usage or a file that cannot be read or written, 3 no memory,
+ * or a method that failed. */
 #include "system.h"
 
 #if defined(_OPENMP)
@@ -860,10 +861,12 @@ static int run_study(work *w, shard *s)
     for (int k = 0; k < cases && !status; k++)
         if (shard_is_mine(s, k)) {
             status = run_case(w, s, k);
-            failed |= status == EXIT_FAILED;
+            failed += status == EXIT_FAILED;
             status = status == EXIT_FAILED ? 0 : status;
         }
-    return status ? status : failed ? EXIT_FAILED : 0;
+    if (failed)
+        fprintf(stderr, "study: a method failed in %d cases, and their rows say so\n", failed);
+    return status;
 }
 
 /* ---- the command line ------------------------------------------------------------------------------------------ */

@@ -708,6 +708,12 @@ bad_table 'bad.csv:2: has an empty place' 'young,nu' '1,'
 bad_table 'case/vary.case:2: E=soft' 'young,nu,load' 'soft,0.3,1'
 say 'young,nu,load' '1000,0.3,1' '-5,0.3,1' >late.csv
 study 'a case that is wrong' 2 'late.csv: case 1 of the table:' late_rows.csv --vary case/late.csv
+say 'mesh cube.vtk' 'material neo_hookean E=1000 nu=0.3 density=1000' "$symmetry" 'traction faces=top value=0,0,$load' \
+    'solve static steps=1 tol=1e-8 iterations=3' >hard.case
+say 'load' '-10' '-1e6' '-20' >hard.csv
+(cd .. && "$program" case/hard.case --vary case/hard.csv --study hard_rows.csv >stdout 2>stderr &&
+    grep -q '^study: 1 cases failed' stderr && [ "$(sed 1d hard_rows.csv | cut -d, -f 3 | tr '\n' ' ')" = 'end converged failed converged ' ])
+result 'study: cases that fail are rows like others' $?
 study 'a share that is none' 2 'needs I/N with 1 <= I <= N' none.csv --vary case/table.csv --shard 4/3
 study 'no table' 2 '^usage: case_solve' none.csv
 study 'no folder' 2 'no-such/rows.csv' no-such/rows.csv --vary case/table.csv
