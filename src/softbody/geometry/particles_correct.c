@@ -255,7 +255,7 @@ SBI_API sb_result sbi_particles_correct(sb_particles *particles, sb_error *error
     c.y = c.d + n;
     c.diagonal = memory + 4 * rows + 12 * n;
     particles->imbalance = (sb_real)sbi_correction_residual(&c);
-    if (wanted && particles->imbalance > 0) {
+    if (wanted && particles->imbalance > 64 * SB_EPSILON) { /* else what there is is rounding: of a lattice in order */
         sbi_correction_prepare(&c);
         sbi_correction_iterate(&c);
         sbi_correction_apply(&c, &particles->domain);
