@@ -1,6 +1,7 @@
 /* case_inp_write: writes a case in memory as an input file of CalculiX (and Abaqus), in units of 1e-4 N and 1e-4 kg
  * where it is not linear, see foreign_units. inp_read makes the same body of it: dead loads become nodal forces,
- * supports and pressures stay what they are. What cannot be said is refused, with its line. Include case_inp.h first.
+ * supports, pressures and ties stay what they are. What cannot be said is refused, with its line. Include case_inp.h
+ * first.
  */
 #ifndef CASE_INP_WRITE_H
 #define CASE_INP_WRITE_H
@@ -106,8 +107,9 @@ static inline int inp_can_say(inp_writer *w, const case_statement *s)
                                  (double)s->values[i]);
         return 1;
     case CASE_SPRING:
-    case CASE_TIE:
-    case CASE_CUT: return case_fail(w->c, s->line, "%s %s cannot be said in an input file", s->form->keyword, what);
+    case CASE_CUT:
+        return case_fail(w->c, s->line, "%s%s%s cannot be said in an input file", s->form->keyword, *what ? " " : "",
+                         what);
     default: return 1;
     }
 }
@@ -198,6 +200,38 @@ static inline void inp_write_equations(inp_writer *w, const case_statement *s)
     }
 }
 
+/* "ELEMENT,P1" of face i of a statement, with its letter. */
+static inline int inp_put_face(inp_writer *w, const case_statement *s, int i, char letter)
+{
+    int corners = case_face_corners(w->c), element, face;
+    sb_error error;
+    if (!w->c->node_elements.offsets && sb_mesh_node_elements(&w->c->mesh, NULL, &w->c->node_elements, &error) != SB_OK)
+        return case_fail_library(w->c, s->line, &error);
+    if (!case_find_face(w->c, s->faces + (size_t)i * (size_t)corners, corners, &element, &face))
+        return case_fail(w->c, s->line, "face %d is no face of an element", i);
+    fprintf(w->file, "%d,%c%d", element + 1, letter, foreign_face_of(w->c->mesh.element_type, face) + 1);
+    return 1;
+}
+
+/* A surface of nodes on one of faces. */
+static inline int inp_write_tie(inp_writer *w, const case_statement *s)
+{
+    int ok = 1;
+    fprintf(w->file, "*SURFACE,NAME=SLAVE%d,TYPE=NODE\n", s->line);
+    for (int i = 0; i < s->tied_count; i++)
+        fprintf(w->file, "%d\n", s->nodes[i] + 1);
+    fprintf(w->file, "*SURFACE,NAME=MASTER%d\n", s->line);
+    for (int i = 0; i < s->count && ok; i++) {
+        ok = inp_put_face(w, s, i, 'S');
+        fprintf(w->file, "\n");
+    }
+    fprintf(w->file, "*TIE,NAME=TIE%d,ADJUST=NO", s->line);
+    if (s->given & CASE_BIT(CASE_DISTANCE))
+        inp_print(w, ",POSITION TOLERANCE=", s->number[CASE_DISTANCE], 0, FOREIGN_CONSTANT);
+    fprintf(w->file, "\nSLAVE%d,MASTER%d\n", s->line, s->line);
+    return ok;
+}
+
 /* Axes of nodes, of `fix`, or of `prescribe` with their displacements. */
 static inline void inp_write_supports(inp_writer *w, const case_statement *s)
 {
@@ -213,9 +247,10 @@ static inline void inp_write_supports(inp_writer *w, const case_statement *s)
 }
 
 /* What stands before the step. */
-static inline void inp_write_model(inp_writer *w)
+static inline int inp_write_model(inp_writer *w)
 {
     const case_file *c = w->c;
+    int ok = 1;
     inp_write_nodes(w);
     inp_write_elements(w);
     for (int i = 0; i < c->statement_count; i++) {
@@ -224,6 +259,8 @@ static inline void inp_write_model(inp_writer *w)
             inp_write_material(w, s);
         if (s->form->kind == CASE_EQUATION)
             inp_write_equations(w, s);
+        if (s->form->kind == CASE_TIE && ok)
+            ok = inp_write_tie(w, s);
         if (s->form->kind == CASE_FIX)
             fprintf(w->file, "*BOUNDARY\n");
         if (s->form->kind == CASE_FIX)
@@ -236,6 +273,7 @@ static inline void inp_write_model(inp_writer *w)
         if (s->form->kind == CASE_OUTPUT && s->form->code == CASE_OUTPUT_PROBE)
             fprintf(w->file, "*NSET,NSET=PROBE%d\n%d\n", s->node, s->node + 1);
     }
+    return ok;
 }
 
 /* ---- the step ---------------------------------------------------------------------------------------------- */
@@ -288,15 +326,10 @@ static inline int inp_write_forces(inp_writer *w)
 
 static inline int inp_write_pressures(inp_writer *w, const case_statement *s)
 {
-    int corners = case_face_corners(w->c), element, face;
-    sb_error error;
-    if (!w->c->node_elements.offsets && sb_mesh_node_elements(&w->c->mesh, NULL, &w->c->node_elements, &error) != SB_OK)
-        return case_fail_library(w->c, s->line, &error);
     fprintf(w->file, "*DLOAD\n");
     for (int i = 0; i < s->count; i++) {
-        if (!case_find_face(w->c, s->faces + (size_t)i * (size_t)corners, corners, &element, &face))
-            return case_fail(w->c, s->line, "face %d is no face of an element", i);
-        fprintf(w->file, "%d,P%d", element + 1, foreign_face_of(w->c->mesh.element_type, face) + 1);
+        if (!inp_put_face(w, s, i, 'P'))
+            return 0;
         inp_print(w, ",", s->number[CASE_PRESSURE_VALUE], w->shift, FOREIGN_PLACE);
         fprintf(w->file, "\n");
     }
@@ -377,8 +410,7 @@ static inline int inp_write(case_file *c, const char *path, int as_svk)
     w.file = out.file;
     if (w.nonlinear)
         fprintf(w.file, "** %s, stress 1e-4 Pa (CalculiX drops residual forces below 1e-6 units)\n", foreign_units);
-    inp_write_model(&w);
-    if (!inp_write_step(&w)) {
+    if (!inp_write_model(&w) || !inp_write_step(&w)) {
         sb_output_discard(&out);
         return 0;
     }

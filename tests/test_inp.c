@@ -322,10 +322,12 @@ static void test_tie(void)
         CHECK(strstr(c.message, wrong[k].words) != NULL);
         case_free(&c);
     }
-    case_file a, b; /* as a case file, with its two lists */
+    case_file a, b, d; /* as a case file, with its two lists, and as an input file again */
     snprintf(text, sizeof text, "%s%s%s*END STEP\n", mesh, ties[1], step);
     CHECK(read_text(&a, text) && case_write(&a, "build/test_inp_tie.case", NULL));
     CHECK(case_read(&b, "build/test_inp_tie.case"));
+    CHECK(inp_write(&b, "build/test_inp_tie.inp", 0) && inp_read(&d, "build/test_inp_tie.inp"));
+    CHECK(d.statement_count == a.statement_count && d.notes.count == 0);
     for (int i = 0; i < a.statement_count && i < b.statement_count; i++) {
         const case_statement *s = a.statements + i, *t = b.statements + i;
         CHECK(s->form == t->form);
@@ -335,9 +337,14 @@ static void test_tie(void)
         CHECK(t->tied_count == 6 && memcmp(s->nodes, t->nodes, 6 * sizeof(int)) == 0);
         CHECK(t->count == 1 && memcmp(s->faces, t->faces, 4 * sizeof(int)) == 0);
         CHECK(t->number[CASE_DISTANCE] == 0.01);
+        t = d.statements + i;
+        CHECK(t->form == s->form && t->tied_count == 6 && memcmp(s->nodes, t->nodes, 6 * sizeof(int)) == 0);
+        CHECK(t->count == 1 && memcmp(s->faces, t->faces, 4 * sizeof(int)) == 0);
+        CHECK(t->number[CASE_DISTANCE] == 0.01);
     }
     case_free(&a);
     case_free(&b);
+    case_free(&d);
 }
 
 /* Numbers: written and read again, shifted, they are the same; and CalculiX sees them in 20 characters. */
