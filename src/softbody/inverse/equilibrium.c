@@ -9,7 +9,10 @@
 #include "../body/rigid_private.h"
 
 enum {
-    SBI_EQUILIBRIUM_DIRECT = 10000, /* nodes up to which K is factored */
+    SBI_EQUILIBRIUM_DIRECT = 10000, /* nodes up to which K is factored, */
+    SBI_EQUILIBRIUM_SMALL = 2000,   /* and up to which also for SBI_EQUILIBRIUM_FEW right-hand sides */
+    SBI_EQUILIBRIUM_FEW = 4,
+    SBI_EQUILIBRIUM_PATIENCE = 300, /* iterations, then those are factored for after all */
     SBI_EQUILIBRIUM_ITERATIONS = 20000,
     SBI_EQUILIBRIUM_ROUNDS = 40 /* for what is not symmetric */
 };
@@ -226,6 +229,8 @@ static sb_result sbi_equilibrium_precondition(sbi_equilibrium *eq)
     def.positions = b->reference;
     def.jobs = b->jobs;
     def.kind = SB_PRECOND_IC0;
+    sb_preconditioner_free(eq->precond);
+    eq->precond = NULL;
     def.poisson = sbi_body_poisson(b);
     result = sb_preconditioner_create(&def, eq->matrix, &b->allocator, &eq->precond, eq->error);
     if (result == SB_OK)
@@ -233,22 +238,36 @@ static sb_result sbi_equilibrium_precondition(sbi_equilibrium *eq)
     return result;
 }
 
-static sb_result sbi_equilibrium_factor(sbi_equilibrium *eq)
+/* 1, with the result, where there is a factor or the matrix has none; 0: too large. */
+static int sbi_equilibrium_try_factor(sbi_equilibrium *eq, sb_result *result)
 {
     sb_body *b = eq->body;
     sb_direct_def def = sb_default_direct_def();
     def.positions = b->reference;
-    if (eq->node_count <= SBI_EQUILIBRIUM_DIRECT &&
-        sb_direct_create(&def, eq->matrix, &b->allocator, &eq->direct, NULL) == SB_OK)
-        return sbi_equilibrium_unstable(eq, sb_direct_update(eq->direct, eq->matrix, NULL));
-    return sbi_equilibrium_precondition(eq);
+    eq->few = 0;
+    if (eq->node_count > SBI_EQUILIBRIUM_DIRECT ||
+        sb_direct_create(&def, eq->matrix, &b->allocator, &eq->direct, NULL) != SB_OK)
+        return 0;
+    *result = sbi_equilibrium_unstable(eq, sb_direct_update(eq->direct, eq->matrix, NULL));
+    return 1;
+}
+
+static sb_result sbi_equilibrium_factor(sbi_equilibrium *eq)
+{
+    sb_result result = SB_OK;
+    if (eq->node_count <= SBI_EQUILIBRIUM_SMALL || eq->few > SBI_EQUILIBRIUM_FEW || eq->skew)
+        eq->few = 0;
+    if (eq->few && sbi_equilibrium_precondition(eq) == SB_OK)
+        return SB_OK;
+    return sbi_equilibrium_try_factor(eq, &result) ? result : sbi_equilibrium_precondition(eq);
 }
 
 /* Memory, and what is given back at the end; nothing is evaluated. */
-static sb_result sbi_equilibrium_open(sb_body *body, sb_real tolerance, sbi_equilibrium *eq, sb_error *error)
+static sb_result sbi_equilibrium_open(sb_body *body, sb_real tolerance, int few, sbi_equilibrium *eq, sb_error *error)
 {
     sb_result result;
     memset(eq, 0, sizeof *eq);
+    eq->few = few;
     eq->body = body;
     eq->error = error;
     eq->tolerance = (double)tolerance;
@@ -278,13 +297,13 @@ static sb_result sbi_equilibrium_take(sbi_equilibrium *eq, sb_result result)
     return result;
 }
 
-SBI_API sb_result sbi_equilibrium_begin(sb_body *body, sb_real tolerance, sbi_equilibrium *eq, sb_error *error)
+SBI_API sb_result sbi_equilibrium_begin(sb_body *body, sb_real tolerance, int few, sbi_equilibrium *eq, sb_error *error)
 {
     sb_result result = sbi_equilibrium_check(body, tolerance, error);
     if (result == SB_OK)
         result = sbi_equilibrium_check_held(body, error);
     if (result == SB_OK)
-        result = sbi_equilibrium_open(body, tolerance, eq, error);
+        result = sbi_equilibrium_open(body, tolerance, few, eq, error);
     if (result != SB_OK)
         return result;
     sbi_step_enter(body, (sb_real)INFINITY);
@@ -301,7 +320,7 @@ SBI_API sb_result sbi_equilibrium_begin_step(sb_body *body, sb_real dt, const sb
     if (result == SB_OK)
         result = sbi_equilibrium_check_step(body, error);
     if (result == SB_OK)
-        result = sbi_equilibrium_open(body, tolerance, eq, error);
+        result = sbi_equilibrium_open(body, tolerance, 0, eq, error);
     if (result != SB_OK)
         return result;
     result = sbi_equilibrium_evaluate_step(eq, dt, end);
@@ -330,12 +349,14 @@ static sb_result sbi_equilibrium_solve_once(sbi_equilibrium *eq, const sb_vec3 *
     if (eq->direct)
         return sb_direct_solve(eq->direct, &rhs[0].x, &x[0].x, 1);
     options.tolerance = eq->tolerance;
-    options.max_iterations = SBI_EQUILIBRIUM_ITERATIONS;
+    options.max_iterations = eq->few ? SBI_EQUILIBRIUM_PATIENCE : SBI_EQUILIBRIUM_ITERATIONS;
     options.jobs = &eq->body->jobs;
     memset(x, 0, (size_t)eq->node_count * sizeof *x);
     result = sb_pcg_solve(eq->matrix, eq->precond, &rhs[0].x, &x[0].x, &options, &eq->body->pcg, &info);
     if (result == SB_ERROR_NOT_CONVERGED && !info.capped && info.residual <= sbi_equilibrium_rounding())
         return SB_OK;
+    if (result != SB_OK && eq->few && sbi_equilibrium_try_factor(eq, &result))
+        return result == SB_OK ? sb_direct_solve(eq->direct, &rhs[0].x, &x[0].x, 1) : result;
     return sbi_equilibrium_unstable(eq, result);
 }
 

@@ -17,6 +17,8 @@ typedef struct sbi_equilibrium {
     sb_matrix *matrix; /* what is solved: masked, condensed where there are constraints */
     sb_direct *direct; /* or NULL: conjugate gradients with */
     sb_preconditioner *precond;
+    int few;               /* right-hand sides that there will be, of which conjugate gradients may be cheaper than a
+                            * factor; 0: many, or the factor is wanted for what it tells */
     int skew;              /* 1: pressures may have a part that K leaves out */
     const sb_vec3 *strain; /* [node_count] displacements whose forces by the elements' parameters are dr/dp: those of
                             * the shape, and with damping in proportion to stiffness a share of velocities */
@@ -25,8 +27,9 @@ typedef struct sbi_equilibrium {
     sb_vec3 *right, *solution, *product, *sum; /* [node_count] scratch of a solve */
 } sbi_equilibrium;
 
-/* Checks that the present shape is one and makes K. On failure nothing is left to end. */
-SBI_API sb_result sbi_equilibrium_begin(sb_body *body, sb_real tolerance, sbi_equilibrium *eq, sb_error *error);
+/* Checks that the present shape is one and makes K; `few` as above. On failure nothing is left to end. */
+SBI_API sb_result sbi_equilibrium_begin(sb_body *body, sb_real tolerance, int few, sbi_equilibrium *eq,
+                                        sb_error *error);
 /* The same of the shape `end` [node_count] that a step of implicit Euler of dt (s) has led to from the body's present
  * state; until the end of all the body has that shape. SB_ERROR_UNSUPPORTED where r depends on more, see motion.h. */
 SBI_API sb_result sbi_equilibrium_begin_step(sb_body *body, sb_real dt, const sb_vec3 *end, sb_real tolerance,
@@ -43,6 +46,11 @@ SBI_API void sbi_equilibrium_expand(const sbi_equilibrium *eq, sb_vec3 *v);
 /* 0 on free axes; 0 on held ones. */
 SBI_API void sbi_equilibrium_keep_supports(const sbi_equilibrium *eq, sb_vec3 *v);
 SBI_API void sbi_equilibrium_keep_free(const sbi_equilibrium *eq, sb_vec3 *v);
+
+/* sb_body_sensitivities without a factor where there are few parameters and many nodes: instability is noticed by
+ * chance only. */
+SBI_API sb_result sbi_sensitivities_quick(sb_body *body, const sb_parameter *parameters, int parameter_count,
+                                          sb_vec3 *du, sb_vec3 *dreaction, sb_error *error);
 
 /* ---- parameter.c ---- */
 

@@ -306,8 +306,8 @@ static sb_result sbi_identify_derive(sbi_identify *id, int state, const sb_real 
     sb_result result;
     if (def->count == 0)
         return SB_OK;
-    result = sb_body_sensitivities(id->body, def->parameters, def->count, id->du,
-                                   m->force_count > 0 ? id->dreaction : NULL, id->error);
+    result = sbi_sensitivities_quick(id->body, def->parameters, def->count, id->du,
+                                     m->force_count > 0 ? id->dreaction : NULL, id->error);
     for (int k = 0; k < def->count && result == SB_OK; k++) {
         const sb_vec3 *du = id->du + (size_t)k * (size_t)id->nodes;
         const sb_vec3 *dr = m->force_count > 0 ? id->dreaction + (size_t)k * (size_t)id->nodes : NULL;

@@ -67,7 +67,7 @@ SB_API sb_result sb_body_solve_tangent(sb_body *body, const sb_vec3 *rhs, sb_vec
         return SB_ERROR_MEMORY;
     bytes = (size_t)count * (size_t)body->domain.node_count * sizeof *work;
     memcpy(work, rhs, bytes);
-    result = sbi_equilibrium_begin(body, tolerance, &eq, error);
+    result = sbi_equilibrium_begin(body, tolerance, 0, &eq, error);
     if (result == SB_OK) {
         result = sbi_equilibrium_solve(&eq, count, 0, work);
         if (result == SB_OK)
@@ -133,8 +133,8 @@ static sb_result sbi_sensitivity_run(sbi_equilibrium *eq, const sb_parameter *pa
     return result;
 }
 
-SB_API sb_result sb_body_sensitivities(sb_body *body, const sb_parameter *parameters, int parameter_count, sb_vec3 *du,
-                                       sb_vec3 *dreaction, sb_error *error)
+static sb_result sbi_sensitivities(sb_body *body, const sb_parameter *parameters, int parameter_count, int few,
+                                   sb_vec3 *du, sb_vec3 *dreaction, sb_error *error)
 {
     sbi_equilibrium eq;
     sb_vec3 *work;
@@ -149,7 +149,7 @@ SB_API sb_result sb_body_sensitivities(sb_body *body, const sb_parameter *parame
         return SB_ERROR_MEMORY;
     vectors = (size_t)parameter_count * (size_t)body->domain.node_count;
     bytes = vectors * sizeof *work;
-    result = sbi_equilibrium_begin(body, sbi_sensitivity_tolerance(), &eq, error);
+    result = sbi_equilibrium_begin(body, (few ? 100 : 1) * sbi_sensitivity_tolerance(), few, &eq, error);
     if (result == SB_OK) {
         result = sbi_sensitivity_run(&eq, parameters, parameter_count, work, dreaction ? work + vectors : NULL);
         sbi_equilibrium_end(&eq);
@@ -161,6 +161,18 @@ SB_API sb_result sb_body_sensitivities(sb_body *body, const sb_parameter *parame
     }
     sbi_free(&body->allocator, work);
     return result;
+}
+
+SB_API sb_result sb_body_sensitivities(sb_body *body, const sb_parameter *parameters, int parameter_count, sb_vec3 *du,
+                                       sb_vec3 *dreaction, sb_error *error)
+{
+    return sbi_sensitivities(body, parameters, parameter_count, 0, du, dreaction, error);
+}
+
+SBI_API sb_result sbi_sensitivities_quick(sb_body *body, const sb_parameter *parameters, int parameter_count,
+                                          sb_vec3 *du, sb_vec3 *dreaction, sb_error *error)
+{
+    return sbi_sensitivities(body, parameters, parameter_count, parameter_count, du, dreaction, error);
 }
 
 /* ---- adjoint ---- */
@@ -242,7 +254,7 @@ static sb_result sbi_gradient_with(sb_body *body, const sb_vec3 *dj_du, const sb
     size_t n = (size_t)body->domain.node_count;
     sbi_equilibrium eq;
     sbi_adjoint a;
-    sb_result result = sbi_equilibrium_begin(body, sbi_sensitivity_tolerance(), &eq, error);
+    sb_result result = sbi_equilibrium_begin(body, sbi_sensitivity_tolerance(), 0, &eq, error);
     if (result != SB_OK)
         return result;
     a.multiplier = vectors;
