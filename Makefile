@@ -2,7 +2,7 @@
 #
 #   make            the examples                     make bench      benchmarks, one core and all cores, then the race
 #   make demo       build and run examples/demo.c    make headers    writes the products from src/
-#   make test       the tests in double without the slowest, 3 to 5 minutes on two cores
+#   make test       the tests in double without the slowest, 3 minutes on two cores
 #   make check      all tests, and all else that CI runs, see tests/check.sh; CHECK_ALL=1 adds what takes as long again
 #   make install    PREFIX=/usr/local, DESTDIR=
 #   make test-float, test-cpp, test-openmp           make clean
@@ -216,6 +216,7 @@ endef
 
 UNIT_CFLAGS = -O0 # of tests and parts that are compiled beside the whole implementation: that takes a fraction of the time
 build/double/test_contact_sweep.o: UNIT_CFLAGS =# its look at every face is a fifth of what a sweep takes, and there are many
+build/double/test_network_train.o: UNIT_CFLAGS =# training is in its header
 # Null pointers and what is beyond an object are the address sanitizer's to see. Alignment and sums of pointers, at every
 # access, cost a third of the time: the fuzz targets have them, and CHECK_ALL=1.
 FEW_SANITIZERS = $(if $(CHECK_ALL),,-fno-sanitize=null$(,)object-size$(,)alignment$(,)pointer-overflow)
@@ -270,7 +271,15 @@ SLOWER = -anything/violence -bbar/violence -body/quasi -body/reactions -checkpoi
 # What make test leaves to the other builds besides.
 LATER = -contact_adverse -contact_cut -contact_lips -contact_thrown -cut_force/tissue -cut_force/work -cut_glue/every \
 	-cut_quad/half -cut_quad/slivers -cut_tear/blocks -cut_tear/energy -needle_held/law -needle_held/membranes \
-	-needle_held/stiffness -particles/consistent -particles_body -pose
+	-needle_held/stiffness -particles/consistent -particles_body -pose \
+	-bbar/Newton -cavity/injection -contact_momentum/flights -contact_needle/random -contact_pairs/curled \
+	-cut_explicit/random -cut_follow/cables -cut_force/every -cut_glue/slivers -cut_loads/undo -cut_needle/between \
+	-cut_quad/curved -cut_quad/states -cut_scissors/closing -cut_stress -cut_surface/what -forged/body -guide/random \
+	-haptic/a -haptic/on -hostile -identify/large -infer/curves -infer/landmarks -infer/points -infer/still -infer_pressure -infer_suite \
+	-live_mesh/in -mixture/a -motion/threads -msml/meshers -needle_bevel/a -needle_held/holes -needle_mixture/nodule \
+	-network_train/by -particles/regions -recorded/multigrid -register_cut/errors -rigid_together/contact \
+	-rigid_together/random -rigid_together/tied -stuffing/allocation -stuffing/open -stuffing/ridges -track/features \
+	-track/organs -unassembled/the -unassembled/threads
 # Those of forged bytes and of memory that runs out, which are what the sanitizers are for.
 HARMED = %/forged %/changed %/no %/capacity %/allocations %/hostile
 # Long loops that the sanitizers would make longer still (the fuzz target `body` runs random ones under them), and long
