@@ -275,7 +275,7 @@ LATER = -contact_adverse -contact_cut -contact_lips -contact_thrown -cut_force/t
 	-bbar/Newton -cavity/injection -contact_momentum/flights -contact_needle/random -contact_pairs/curled \
 	-cut_explicit/random -cut_follow/cables -cut_force/every -cut_glue/slivers -cut_loads/undo -cut_needle/between \
 	-cut_quad/curved -cut_quad/states -cut_scissors/closing -cut_stress -cut_surface/what -forged/body -guide/random \
-	-haptic/a -haptic/on -hostile -identify/large -infer/curves -infer/landmarks -infer/points -infer/still -infer_pressure -infer_suite \
+	-haptic/a -haptic/on -hostile -identify/large -infer/best -infer/curves -infer/landmarks -infer/points -infer/still -infer_pressure -infer_suite \
 	-live_mesh/in -mixture/a -motion/threads -msml/meshers -needle_bevel/a -needle_held/holes -needle_mixture/nodule \
 	-network_train/by -particles/regions -recorded/multigrid -register_cut/errors -rigid_together/contact \
 	-rigid_together/random -rigid_together/tied -stuffing/allocation -stuffing/open -stuffing/ridges -track/features \

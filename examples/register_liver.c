@@ -25,7 +25,8 @@
  * --method infer does, after stop=REASON: expected_mm=E expected_worst_mm=W prior=KIND, mean and worst over the model's
  * nodes, and as `expected` (m) of each node in the VTK file; with --gas gas_pa=P before these, the pressure (Pa) that
  * an organ of --young is under. It is the method for views of a part; from a whole surface pbsm is closer. Above
- * --limit, or with less than 15 % of the organ seen, the status is 4. */
+ * --limit, or with less than 15 % of the organ seen, the status is 4, and above the limit the point of the model is
+ * named that is worth touching: as a landmark it would lower the error to expect most. */
 #include "system.h"
 
 #if defined(_OPENMP)
@@ -842,6 +843,29 @@ static const char *doubt(const work *w, const reg_quality *quality, double media
     return NULL;
 }
 
+/* Where one more landmark would tell most, among nodes of the model's surface. */
+static void advise(const work *w, const reg_quality *quality)
+{
+    enum { CANDIDATES = 100 };
+    const double touch = 1e-3; /* m, how well an instrument's tip is known */
+    sb_vec3 points[CANDIDATES];
+    sb_boundary skin;
+    sb_real after;
+    int count = 0, step, best;
+    if (sb_mesh_boundary(&w->model, 1, NULL, &skin, NULL) != SB_OK)
+        return;
+    step = 1 + (skin.surface.node_count - 1) / CANDIDATES;
+    for (int i = 0; i < skin.surface.node_count; i += step)
+        points[count++] = skin.surface.nodes[i];
+    sb_boundary_free(&skin);
+    if (reg_infer_best_landmark(w->out.infer, points, count, REAL(touch), &best, &after, NULL) == SB_OK &&
+        after < quality->expected)
+        fprintf(stderr,
+                "register_liver: a landmark at %.4g %.4g %.4g of the model would lower it most: to some %.1f mm\n",
+                (double)points[best].x / w->set->scale, (double)points[best].y / w->set->scale,
+                (double)points[best].z / w->set->scale, 1e3 * (double)after);
+}
+
 static int run(work *w, double begun, const char *target)
 {
     task given = make_task(w);
@@ -881,6 +905,8 @@ static int run(work *w, double begun, const char *target)
     why = doubt(w, &quality, median);
     if (why)
         fprintf(stderr, "register_liver: the result is not to be trusted: %s\n", why);
+    if (w->out.infer && 1e3 * (double)quality.expected > w->set->limit)
+        advise(w, &quality);
     return why && !w->set->force ? EXIT_DOUBTFUL : 0;
 }
 

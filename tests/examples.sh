@@ -842,6 +842,8 @@ if [ -n "$data" ] && [ -e "$case_of_liver/coarse_tet4.vtk" ]; then
     check "infer: the error to expect of each node" grep -q '^SCALARS expected' registered.vtk
     expect 4 'not to be trusted: the error to expect is above' register_liver "$case_of_liver/coarse_tet4.vtk" \
         "$part_of_liver" --method infer --limit 0.1
+    expect 4 'a landmark at .* of the model would lower it most' register_liver "$case_of_liver/coarse_tet4.vtk" \
+        "$part_of_liver" --method infer --limit 0.1
     expect 0 'not to be trusted: the error to expect is above' register_liver "$case_of_liver/coarse_tet4.vtk" \
         "$part_of_liver" --method infer --limit 0.1 --force
     expect 0 "^iterations=.* gas_pa=[-+.e0-9]*$sure" register_liver "$case_of_liver/coarse_tet4.vtk" "$part_of_liver" \

@@ -379,58 +379,6 @@ REG_API sb_result reg_infer_draw(const reg_infer *infer, int index, sb_vec3 *dis
     return SB_OK;
 }
 
-/* Motion of a row's point by u[nodes]. */
-static sb_vec3 regi_infer_point_motion(const sb_mapping *mapping, int point, const sb_vec3 *u)
-{
-    sb_vec3 sum = sb_v3(0, 0, 0);
-    for (int k = mapping->row_start[point]; k < mapping->row_start[point + 1]; k++)
-        sum = sb_v3_madd(sum, mapping->weights[k], u[mapping->nodes[k]]);
-    return sum;
-}
-
-/* From the draws. The inverse of a covariance of n draws of three is too large by (n - 1)/(n - 5) on the mean: that
- * factor makes regions of confidence right. */
-static sb_mat3 regi_infer_point_covariance(const reg_infer *f, const sb_mapping *mapping, int point)
-{
-    sb_mat3 sum = sb_m3_zero();
-    for (int k = 0; k < REG_INFER_DRAWS; k++) {
-        sb_vec3 e = regi_infer_point_motion(mapping, point, f->errors + (size_t)k * (size_t)f->node_count);
-        sum = sb_m3_add(sum, sb_m3_outer(e, e));
-    }
-    return sb_m3_scale(1 / (sb_real)(REG_INFER_DRAWS - 4), sum);
-}
-
-REG_API sb_result reg_infer_covariance(const reg_infer *infer, const sb_vec3 *points, int count, sb_vec3 *moved,
-                                       sb_mat3 *covariances, sb_error *error)
-{
-    sb_embedding_def embed = sb_default_embedding_def();
-    sb_embedding_rows rows;
-    sb_embedding *embedding = NULL;
-    sb_result result;
-    if (!infer || !points || count < 1)
-        return sbi_fail(error, SB_ERROR_ARGUMENT, "covariances need an inference, and %d points", count);
-    memset(&rows, 0, sizeof rows);
-    embed.mesh = &infer->model->mesh;
-    embed.points = points;
-    embed.point_count = count;
-    embed.kind = SB_EMBED_PLAIN;
-    embed.max_distance = (sb_real)0.25 * infer->model->size;
-    embed.allocator = infer->allocator;
-    embed.jobs = infer->model->jobs;
-    result = sb_embedding_create(&embed, &embedding, error);
-    if (result == SB_OK)
-        result = sb_embedding_mapping(embedding, &infer->allocator, &rows, error);
-    for (int i = 0; result == SB_OK && i < count; i++) {
-        if (moved)
-            moved[i] = sb_v3_add(points[i], regi_infer_point_motion(&rows.mapping, i, infer->shape));
-        if (covariances)
-            covariances[i] = regi_infer_point_covariance(infer, &rows.mapping, i);
-    }
-    sb_embedding_rows_free(&rows);
-    sb_embedding_destroy(embedding);
-    return result;
-}
-
 /* ---- the report ---- */
 
 REG_API sb_result reg_infer_get_quality(const reg_infer *infer, reg_quality *quality)

@@ -95,6 +95,7 @@
 #define reg_infer_expected reg_infer_expected_f32
 #define reg_infer_draw reg_infer_draw_f32
 #define reg_infer_covariance reg_infer_covariance_f32
+#define reg_infer_best_landmark reg_infer_best_landmark_f32
 #define reg_infer_get_quality reg_infer_get_quality_f32
 #define reg_prior_string reg_prior_string_f32
 #define reg_infer_stop_string reg_infer_stop_string_f32
