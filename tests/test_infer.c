@@ -1084,6 +1084,23 @@ static void test_refusals(void)
     free_box(&b);
 }
 
+/* Nothing is written while memory fails, and none is lost. */
+static void ask_without_memory(const reg_infer *infer, sb_vec3 point, scene_memory *memory)
+{
+    sb_result result = SB_ERROR_MEMORY;
+    int best = -7, live = (int)memory->live;
+    for (int fail = 1; result == SB_ERROR_MEMORY && fail < 1000; fail++) {
+        memory->calls = 0;
+        memory->fail_at = fail;
+        CHECK_INT(best, -7);
+        result = reg_infer_best_landmark(infer, &point, 1, 0, &best, NULL, NULL);
+        CHECK_INT(memory->live, live);
+    }
+    memory->fail_at = 0;
+    CHECK_OK(result);
+    CHECK_INT(best, 0);
+}
+
 static void test_memory(void)
 {
     scene_memory memory = {0, 0, 0, 0};
@@ -1111,6 +1128,8 @@ static void test_memory(void)
         CHECK(result == SB_OK || result == SB_ERROR_MEMORY);
         CHECK((infer != NULL) == (result == SB_OK));
         memory.fail_at = 0;
+        if (infer)
+            ask_without_memory(infer, mark.model, &memory);
         reg_infer_destroy(infer);
         CHECK_INT(memory.live, before);
     }
