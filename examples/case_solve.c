@@ -101,8 +101,9 @@ static const char help_notes[] =
     "--vary: a study. TABLE.csv has names in its first line and a case in each other one; $NAME or ${NAME} in the "
     "case\n"
     "file is what the case's line has for it. ROWS.csv gets a line for each case: its values, whether it converged,\n"
-    "steps, Newton iterations, the largest displacement (m) and those of probes at the end, or its frequencies (Hz);\n"
-    "other outputs are not written, and a case that fails is a row like others (exit status 0). --shard I/N does the\n"
+    "steps, Newton iterations, the largest displacement (m) and those of probes at the end, or its frequencies (Hz),\n"
+    "and whether all expect lines of the case hold (expected: yes or no); other outputs are not written, and a case\n"
+    "that fails, or is not as expected, is a row like others (exit status 0). --shard I/N does the\n"
     "I-th of N shares; run again it goes on where it was, and examples/study/merge.sh joins the files of the shares.\n"
     "Integration points: tet4 1, tet10 4 (8 when its sides are curved), hex8 8, hex20 and hex27 27.\n"
     "\n"
@@ -144,6 +145,7 @@ typedef struct run {
     int steps, newton, pcg;
     int mass_kind;     /* place in mass_names, or -1: what suits the solve */
     char failure[600]; /* what failed and where; empty: nothing */
+    int is_amiss;      /* of a study: 1 when it converged, but not to what the case expects */
 } run;
 
 /* ---- messages ------------------------------------------------------------------------------------------ */
@@ -580,10 +582,21 @@ static void print_crumbs(const run *r)
         }
 }
 
+static int has_expectations(const case_file *c)
+{
+    for (int i = 0; i < c->statement_count; i++)
+        if (c->statements[i].form->kind == CASE_EXPECT)
+            return 1;
+    return 0;
+}
+
 /* Whether the nodes are where the case expects them; says which are not. */
 static int is_expected(const run *r)
 {
+    char row[40] = "";
     int ok = 1;
+    if (r->vary)
+        snprintf(row, sizeof row, "case %d of the table: ", r->row);
     for (int i = 0; i < r->file.statement_count; i++) {
         const case_statement *s = r->file.statements + i;
         sb_vec3 u;
@@ -594,8 +607,8 @@ static int is_expected(const run *r)
         off = (double)sb_v3_norm(sb_v3_sub(u, s->vector));
         if (off <= s->number[CASE_WITHIN])
             continue;
-        fprintf(stderr, "%s:%d: node %d is displaced by %.9g,%.9g,%.9g m, %.3g m from what is expected\n", r->case_path,
-                s->line, s->node, (double)u.x, (double)u.y, (double)u.z, off);
+        fprintf(stderr, "%s:%d: %snode %d is displaced by %.9g,%.9g,%.9g m, %.3g m from what is expected\n",
+                r->case_path, s->line, row, s->node, (double)u.x, (double)u.y, (double)u.z, off);
         ok = 0;
     }
     return ok;
@@ -728,6 +741,8 @@ static int make_heading(run *r, line *l)
                 probes += axis == 0;
                 add(l, axis == 0 ? "_x_m" : axis == 1 ? "_y_m" : "_z_m");
             }
+    if (has_expectations(c))
+        add(l, ",expected");
     add(l, "\n");
     return !l->out_of_memory || case_fail_memory(&r->file, 0);
 }
@@ -766,6 +781,10 @@ static int make_row(run *r, line *l)
             add_number(l, (double)u.z);
         }
     }
+    if (has_expectations(&r->file)) { /* a case that failed has none */
+        r->is_amiss = !r->failure[0] && !is_expected(r);
+        add(l, r->failure[0] ? "," : r->is_amiss ? ",no" : ",yes");
+    }
     add(l, "\n");
     return !l->out_of_memory || case_fail_memory(&r->file, 0);
 }
@@ -790,7 +809,7 @@ static int run_case(const run *all, shard *s, int row, line *l)
         fprintf(stderr, "%s: case %d of the table:\n", all->table, row);
         complain(&r);
     } else if (shard_write(s, l->text)) {
-        status = r.failure[0] ? EXIT_NOT_SOLVED : EXIT_CONVERGED;
+        status = r.failure[0] ? EXIT_NOT_SOLVED : r.is_amiss ? EXIT_NOT_EXPECTED : EXIT_CONVERGED;
         if (r.failure[0])
             fprintf(stderr, "%s:%d: case %d of the table: %s\n", r.case_path, r.file.solve->line, row, r.failure);
     }
@@ -800,15 +819,18 @@ static int run_case(const run *all, shard *s, int row, line *l)
 
 static int run_cases(const run *all, shard *s, line *l)
 {
-    int status = EXIT_CONVERGED, cases = all->vary->row_count, failed = 0;
+    int status = EXIT_CONVERGED, cases = all->vary->row_count, failed = 0, amiss = 0;
     printf("study: %d cases, shard %d of %d, %d to do\n", cases, s->index + 1, s->count, s->left);
     for (int k = 0; k < cases && status != EXIT_WRONG_CASE; k++)
         if (shard_is_mine(s, k)) {
             status = run_case(all, s, k, l);
             failed += status == EXIT_NOT_SOLVED;
+            amiss += status == EXIT_NOT_EXPECTED;
         }
     if (failed)
         fprintf(stderr, "study: %d cases failed, and their rows say so\n", failed);
+    if (amiss)
+        fprintf(stderr, "study: %d cases are not as expected, and their rows say so\n", amiss);
     return status == EXIT_WRONG_CASE ? status : EXIT_CONVERGED;
 }
 

@@ -714,6 +714,17 @@ say 'load' '-10' '-1e6' '-20' >hard.csv
 (cd .. && "$program" case/hard.case --vary case/hard.csv --study hard_rows.csv >stdout 2>stderr &&
     grep -q '^study: 1 cases failed' stderr && [ "$(sed 1d hard_rows.csv | cut -d, -f 3 | tr '\n' ' ')" = 'end converged failed converged ' ])
 result 'study: cases that fail are rows like others' $?
+{ cat vary.case && echo 'expect probe 6 value=$x,$x,$z tol=1e-9'; } >expect.case # 2 % across, 1 % up; the second is off
+say 'young,nu,load,x,z' '1000,0.3,-10,0.003,-0.01' '1000,0.3,-10,0.003,-0.011' '500,0,-10,0,-0.02' >expect.csv
+(cd .. && "$program" case/expect.case --vary case/expect.csv --study expect_rows.csv >stdout 2>stderr &&
+    grep -q 'case/expect.case:[0-9]*: case 1 of the table: node 6 is displaced by 0.003,0.003,-0.01 m, 0.001 m from' stderr &&
+    grep -q '^study: 1 cases are not as expected, and their rows say so$' stderr && [ "$(wc -l <stderr)" = 2 ] &&
+    [ "$(sed 's/.*,//' expect_rows.csv | tail -n +2 | tr '\n' ' ')" = 'expected yes no yes ' ])
+result 'study: expectations are checked in each row' $?
+{ cat hard.case && echo 'expect probe 6 value=0,0,0 tol=9'; } >hard_expect.case
+(cd .. && "$program" case/hard_expect.case --vary case/hard.csv --study hard_expect.csv >stdout 2>stderr &&
+    [ "$(sed 's/.*,//' hard_expect.csv | tail -n +2 | tr '\n' ' ')" = 'expected yes  yes ' ])
+result 'study: a case that fails has nothing to be expected' $?
 study 'a share that is none' 2 'needs I/N with 1 <= I <= N' none.csv --vary case/table.csv --shard 4/3
 study 'no table' 2 '^usage: case_solve' none.csv
 study 'no folder' 2 'no-such/rows.csv' no-such/rows.csv --vary case/table.csv
