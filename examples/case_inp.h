@@ -4,11 +4,12 @@
  *
  * Taken are: *NODE, *ELEMENT (C3D4, C3D8, C3D10, C3D20), *NSET, *ELSET, *SURFACE of element faces, *INCLUDE within the
  * folder; *MATERIAL with *ELASTIC, *HYPERELASTIC (what foreign_laws has) and *DENSITY; *SOLID SECTION, *EQUATION, *TIE,
- * *AMPLITUDE that is a ramp; *BOUNDARY, *CLOAD, *DLOAD and *DSLOAD (P, GRAV), each with OP=; *STEP with *STATIC,
- * *DYNAMIC or *FREQUENCY. Requests for output say what is written. All else is refused, by name and line; what is wrong
- * is listed to the end of the file. Files have no units: they are SI's, unless a first comment has those of
- * foreign_units. Loads, as in CalculiX: those of one step on one place add up, later ones replace them; supports
- * replace each other; OP=NEW takes away what steps before had, and supports before the first step.
+ * *SPRING of SPRING1 and SPRING2 to points (see inp_add_springs), *AMPLITUDE that is a ramp; *BOUNDARY, *CLOAD, *DLOAD
+ * and *DSLOAD (P, GRAV), each with OP=; *STEP with *STATIC, *DYNAMIC or *FREQUENCY. Requests for output say what is
+ * written. All else is refused, by name and line; what is wrong is listed to the end of the file. Files have no units:
+ * they are SI's, unless a first comment has those of foreign_units. Loads, as in CalculiX: those of one step on one
+ * place add up, later ones replace them; supports replace each other; OP=NEW takes away what steps before had, and
+ * supports before the first step.
  *
  * A model of parts is read as Abaqus/CAE writes it: each *INSTANCE is the text of its *PART read anew at its place,
  * with INSTANCE. before the names of its sets and surfaces, and its labels counted on from those that are there
@@ -17,6 +18,8 @@
 #define CASE_INP_H
 
 #include "case_foreign.h"
+
+#include <float.h>
 
 /* ---- what is read ------------------------------------------------------------------------------------------ */
 
@@ -97,6 +100,35 @@ typedef struct inp_tie {
     double distance; /* (m); 0: not said */
     inp_place place;
 } inp_tie;
+
+/* A spring element between two nodes, or from one to the ground. */
+typedef struct inp_spring {
+    int label; /* first, for inp_make_map */
+    const char *nodes[2];
+    int count;   /* of nodes: 1 or 2 */
+    int at[2];   /* places of the nodes; at[1] -1: the ground where the node is at rest */
+    int section; /* -1: none yet */
+    inp_place place;
+} inp_spring;
+
+/* *SPRING: what the springs of a set are. */
+typedef struct inp_spring_section {
+    const char *set;
+    int axes[2]; /* from 0, of the first and second node; -1: not said */
+    int axis_count;
+    double stiffness;   /* (N/m); 0: not said */
+    int is_table;       /* NONLINEAR: stiffness is the slope of its lines */
+    double least, most; /* displacements (m) of the table */
+    inp_place place;
+} inp_spring_section;
+
+/* Springs between one node and one point, along each axis. */
+typedef struct inp_pull {
+    int node, point; /* point: a node of no element; -1: where the node is at rest */
+    int first;       /* of its springs */
+    double stiffness[3];
+    int is_drawn[3]; /* 1: a force of its own draws the node to where the point stands */
+} inp_pull;
 
 /* One data line of a support or load, in the order of the file. */
 typedef struct inp_entry {
@@ -203,11 +235,16 @@ typedef struct inp_reader {
     inp_list nodes, elements, element_nodes; /* inp_node, inp_element, int [width] labels of each */
     const foreign_element *element;          /* NULL: no element yet */
     inp_place element_place;
-    int is_flat;    /* of the present *ELEMENT: of fewer dimensions, known by label only */
-    inp_list flat;  /* int: their labels */
-    inp_list sets;  /* inp_set */
-    int set;        /* that is being filled, or -1 */
-    int set_labels; /* of all sets, so far */
+    int is_flat;                       /* of the present *ELEMENT: of fewer dimensions, known by label only */
+    inp_list flat;                     /* int: their labels */
+    int spring_nodes;                  /* of the present *ELEMENT: 1 or 2 of SPRING1 or SPRING2; 0: it is no spring */
+    int has_other_springs;             /* that were refused: their *SPRING is passed over */
+    inp_list springs, spring_sections; /* inp_spring, inp_spring_section */
+    int points;                        /* the last nodes: of springs and no element, they are no part of the mesh */
+    inp_list pulls;                    /* inp_pull */
+    inp_list sets;                     /* inp_set */
+    int set;                           /* that is being filled, or -1 */
+    int set_labels;                    /* of all sets, so far */
     inp_list materials, sections, amplitudes, surface_items, entries, terms, ties;
     const char *surface;   /* that is being filled */
     int of_nodes;          /* its TYPE=NODE */
@@ -323,6 +360,11 @@ static inline inp_entry *inp_entries(const inp_reader *r) { return (inp_entry *)
 static inline inp_step *inp_steps(const inp_reader *r) { return (inp_step *)r->steps.items; }
 static inline inp_term *inp_terms(const inp_reader *r) { return (inp_term *)r->terms.items; }
 static inline inp_part *inp_parts(const inp_reader *r) { return (inp_part *)r->parts.items; }
+static inline inp_spring *inp_springs(const inp_reader *r) { return (inp_spring *)r->springs.items; }
+static inline inp_spring_section *inp_spring_sections(const inp_reader *r)
+{
+    return (inp_spring_section *)r->spring_sections.items;
+}
 static inline inp_instance *inp_instances(const inp_reader *r) { return (inp_instance *)r->instances.items; }
 
 /* ---- words ------------------------------------------------------------------------------------------------- */
@@ -657,6 +699,47 @@ static inline void inp_data_node(inp_reader *r, char **fields, int count)
     inp_add_to_set(r, label);
 }
 
+/* A spring element's lines come next; one that cannot be read is refused. 0: the type is no spring. */
+static inline int inp_begin_spring_element(inp_reader *r, const char *type)
+{
+    r->spring_nodes = strcmp(type, "SPRING1") == 0 ? 1 : strcmp(type, "SPRING2") == 0 ? 2 : 0;
+    if (strcmp(type, "SPRINGA") == 0 || strcmp(type, "SPRINGB") == 0) {
+        inp_complain(r, r->card_place,
+                     "elements %s are not read, only SPRING1 and SPRING2: their length at rest cannot be said here",
+                     type);
+        r->has_other_springs = 1;
+        r->keyword = NULL;
+        return 1;
+    }
+    return r->spring_nodes > 0;
+}
+
+/* NUMBER, NODE[, NODE] */
+static inline void inp_data_spring_element(inp_reader *r, char **fields, int count)
+{
+    inp_spring *spring;
+    int label;
+    if (!inp_take_own(r, fields[0], 1, &label))
+        return;
+    if (count != 1 + r->spring_nodes) {
+        inp_complain(r, r->here, "a SPRING%d has a number and %d node%s", r->spring_nodes, r->spring_nodes,
+                     r->spring_nodes > 1 ? "s" : "");
+        return;
+    }
+    inp_count_label(r, 1, label);
+    inp_add_to_set(r, label);
+    inp_add_int(r, &r->flat, label); /* no element of the mesh */
+    spring = (inp_spring *)inp_add(r, &r->springs, sizeof *spring);
+    if (!spring)
+        return;
+    spring->label = label;
+    spring->count = r->spring_nodes;
+    spring->section = spring->at[0] = spring->at[1] = -1;
+    spring->place = r->here;
+    for (int k = 0; k < spring->count; k++)
+        spring->nodes[k] = inp_scoped(r, inp_name(fields[1 + k]));
+}
+
 static inline void inp_begin_element(inp_reader *r)
 {
     const char *type = inp_need(r, "TYPE"), *set = inp_parameter_of(r, "ELSET");
@@ -666,6 +749,8 @@ static inline void inp_begin_element(inp_reader *r)
     if (set)
         inp_open_set(r, inp_scoped(r, set), 1);
     inp_begin_own(r);
+    if (inp_begin_spring_element(r, type))
+        return;
     if (!element && !r->is_flat) {
         if (*type)
             inp_complain(r, r->card_place, "elements %.40s are not read, only C3D4, C3D8, C3D10 and C3D20", type);
@@ -684,6 +769,10 @@ static inline void inp_begin_element(inp_reader *r)
 static inline void inp_data_element(inp_reader *r, char **fields, int count)
 {
     int at = 0, label;
+    if (r->spring_nodes > 0) {
+        inp_data_spring_element(r, fields, count);
+        return;
+    }
     if (r->is_flat) {
         if (r->wanted == 0 && count > 0 && inp_take_own(r, fields[0], 1, &label)) {
             inp_count_label(r, 1, label);
@@ -724,7 +813,8 @@ static inline void inp_end_lines(inp_reader *r)
         inp_complain(r, r->data_place, "*%s ends in the middle: %d more entries are wanted", r->card_name,
                      abs(r->wanted));
     if (r->keyword && r->data_lines < r->keyword->least)
-        inp_complain(r, r->card_place, "*%s has no data line", r->card_name);
+        inp_complain(r, r->card_place, r->data_lines == 0 ? "*%s has no data line" : "*%s has too few data lines",
+                     r->card_name);
     for (; r->wanted > 0 && r->keyword && strcmp(r->keyword->name, "ELEMENT") == 0 && !r->no_memory; r->wanted--)
         inp_add_int(r, &r->element_nodes, 1);
     r->wanted = 0;
@@ -982,6 +1072,80 @@ static inline void inp_data_tie(inp_reader *r, char **fields, int count)
         inp_complain(r, r->here, "a line of *TIE is SLAVE SURFACE, MASTER SURFACE");
     if (distance && inp_take_number(r, distance, 0, &tie->distance) && !(tie->distance > 0))
         inp_complain(r, r->card_place, "POSITION TOLERANCE must be > 0");
+}
+
+/* ---- springs ----------------------------------------------------------------------------------------------- */
+
+static inline void inp_begin_spring(inp_reader *r)
+{
+    const char *set = inp_keep(r, inp_scoped(r, inp_need(r, "ELSET")));
+    inp_spring_section *section;
+    if (r->has_other_springs) {
+        r->keyword = NULL;
+        return;
+    }
+    section = (inp_spring_section *)inp_add(r, &r->spring_sections, sizeof *section);
+    if (!section)
+        return;
+    section->set = set;
+    section->axes[0] = section->axes[1] = -1;
+    section->is_table = inp_parameter_of(r, "NONLINEAR") != NULL;
+    section->place = r->card_place;
+}
+
+/* AXIS[, AXIS] */
+static inline void inp_take_spring_axes(inp_reader *r, inp_spring_section *s, char **fields, int count)
+{
+    if (count > 2) {
+        inp_complain(r, r->here, "the first line of *SPRING is AXIS, or AXIS, AXIS of the two nodes");
+        return;
+    }
+    for (int k = 0; k < count; k++) {
+        int axis;
+        if (!inp_take_integer(r, fields[k], "axis", &axis))
+            return;
+        if (axis < 1 || axis > 3) {
+            inp_complain(r, r->here, "axis %d of a spring must be 1, 2 or 3", axis);
+            return;
+        }
+        s->axes[s->axis_count++] = axis - 1;
+    }
+}
+
+/* FORCE, DISPLACEMENT: a point of a straight line through 0. */
+static inline void inp_take_spring_point(inp_reader *r, inp_spring_section *s, char **fields, int count)
+{
+    double force, u, slope;
+    if (count != 2) {
+        inp_complain(r, r->here, "a line of *SPRING, NONLINEAR is FORCE, DISPLACEMENT");
+        return;
+    }
+    if (!inp_take_number(r, fields[0], -r->shift, &force) || !inp_take_number(r, fields[1], 0, &u))
+        return;
+    s->least = fmin(s->least, u);
+    s->most = fmax(s->most, u);
+    slope = u != 0 ? force / u : 0;
+    if (s->stiffness == 0)
+        s->stiffness = slope;
+    /* as far as printed digits go */
+    if (u != 0 ? fabs(slope - s->stiffness) > 1e-6 * fabs(s->stiffness) : force != 0)
+        inp_complain(r, r->here, "the table of *SPRING is no straight line through 0: only those are read");
+}
+
+/* The axes, then the stiffness, or with NONLINEAR a table of it. */
+static inline void inp_data_spring(inp_reader *r, char **fields, int count)
+{
+    inp_spring_section *s = r->spring_sections.count > 0 ? inp_spring_sections(r) + r->spring_sections.count - 1 : NULL;
+    if (!s)
+        return;
+    if (r->data_lines == 1)
+        inp_take_spring_axes(r, s, fields, count);
+    else if (s->is_table)
+        inp_take_spring_point(r, s, fields, count);
+    else if (r->data_lines > 2 || count != 1)
+        inp_complain(r, r->here, "a stiffness that depends on frequency or temperature is not read");
+    else if (inp_take_number(r, fields[0], -r->shift, &s->stiffness) && !(s->stiffness > 0))
+        inp_complain(r, r->here, "the stiffness of a spring must be > 0");
 }
 
 /* ---- supports and loads ------------------------------------------------------------------------------------ */
@@ -1427,6 +1591,7 @@ static const inp_keyword inp_keywords[] = {
     {"ENDINSTANCE", " ", INP_IN_MODEL, inp_end_instance, NULL, 0, 0},
     {"SURFACE", " NAME TYPE INTERNAL ", INP_IN_MODEL, inp_begin_surface, inp_data_surface, 1, 0},
     {"TIE", " NAME ADJUST POSITIONTOLERANCE ", INP_IN_MODEL, inp_begin_tie, inp_data_tie, 1, 0},
+    {"SPRING", " ELSET NONLINEAR ", INP_IN_MODEL, inp_begin_spring, inp_data_spring, 2, 0},
     {"MATERIAL", " NAME ", INP_IN_MODEL, inp_begin_material, NULL, 0, 0},
     {"ELASTIC", " TYPE ", INP_IN_MATERIAL, inp_begin_elastic, inp_data_law, 1, 0},
     {"HYPERELASTIC", NULL, INP_IN_MATERIAL, inp_begin_hyperelastic, inp_data_law, 1, 0},
@@ -1798,7 +1963,7 @@ static inline int inp_make_mesh(inp_reader *r)
     c->element_numbers = (int *)inp_allocate(r, elements, sizeof(int));
     if (r->no_memory)
         return 0;
-    c->mesh.node_count = (int)nodes;
+    c->mesh.node_count = (int)nodes - r->points;
     c->mesh.element_count = (int)elements;
     c->mesh.element_type = r->element->type;
     for (size_t i = 0; i < nodes; i++) {
@@ -1894,17 +2059,13 @@ static inline int inp_assembly_label(const inp_reader *r, int of_elements, int *
     return 1;
 }
 
-/* What a data line names: a set, or one label. */
-static inline const int *inp_targets(inp_reader *r, const char *target, int of_elements, inp_place place, int *single,
-                                     int *count)
+/* What a data line names by its label, whose place goes to *single. */
+static inline const int *inp_labelled(inp_reader *r, const char *target, int of_elements, inp_place place, int *single,
+                                      int *count)
 {
-    int label, set = inp_find_set(r, target, of_elements), in_instance;
     const char *what = of_elements ? "element" : "node";
+    int label, in_instance;
     *count = 0;
-    if (set >= 0) {
-        *count = inp_sets(r)[set].items.count;
-        return (const int *)inp_sets(r)[set].items.items;
-    }
     in_instance = inp_label_of_instance(r, target, of_elements, &label);
     if (!in_instance && !case_scan_integer(target, &label)) {
         inp_complain(r, place, "there is no set of %ss %.80s", what, target);
@@ -1915,6 +2076,117 @@ static inline const int *inp_targets(inp_reader *r, const char *target, int of_e
         return NULL;
     }
     return inp_target(r, label, of_elements, place, single, count);
+}
+
+/* What a data line names: a set, or one label. */
+static inline const int *inp_targets(inp_reader *r, const char *target, int of_elements, inp_place place, int *single,
+                                     int *count)
+{
+    int set = inp_find_set(r, target, of_elements);
+    if (set < 0)
+        return inp_labelled(r, target, of_elements, place, single, count);
+    *count = inp_sets(r)[set].items.count;
+    return (const int *)inp_sets(r)[set].items.items;
+}
+
+/* ---- building: the ends of springs -------------------------------------------------------------------------- */
+
+/* Puts nodes that springs hang on, and that no element has, behind all others: they are points in space. */
+static inline void inp_part_points(inp_reader *r)
+{
+    size_t nodes = (size_t)r->nodes.count;
+    unsigned char *kind = (unsigned char *)inp_allocate(r, nodes, 1); /* 1: of an element, 2: of springs only */
+    inp_node *parted = (inp_node *)inp_allocate(r, nodes, sizeof *parted);
+    int count = 0;
+    for (int i = 0; i < r->element_nodes.count && kind && parted; i++) {
+        int at = inp_find(&r->node_map, ((const int *)r->element_nodes.items)[i]);
+        if (at >= 0)
+            kind[at] = 1;
+    }
+    for (int i = 0; i < r->springs.count && kind && parted; i++)
+        for (int k = 0; k < inp_springs(r)[i].count; k++) {
+            int single = -1, found;
+            inp_labelled(r, inp_springs(r)[i].nodes[k], 0, inp_springs(r)[i].place, &single, &found);
+            if (single >= 0 && kind[single] != 1)
+                kind[single] = 2;
+        }
+    for (int pass = 0; pass < 2 && kind && parted; pass++)
+        for (size_t i = 0; i < nodes; i++)
+            if ((kind[i] == 2) == pass)
+                parted[count++] = inp_nodes(r)[i];
+    for (size_t i = 0; i < nodes && kind && parted; i++)
+        r->points += kind[i] == 2;
+    if (r->points > 0 && parted) {
+        memcpy(r->nodes.items, parted, nodes * sizeof *parted);
+        free(r->node_map.pairs);
+        inp_make_map(r, &r->node_map, &r->nodes, sizeof(inp_node));
+    }
+    free(kind);
+    free(parted);
+}
+
+/* Gives each spring its *SPRING; sets have labels still. */
+static inline void inp_take_spring_sections(inp_reader *r)
+{
+    inp_map map;
+    memset(&map, 0, sizeof map);
+    inp_make_map(r, &map, &r->springs, sizeof(inp_spring));
+    for (int i = 0; i < map.count && map.pairs; i++) {
+        const inp_spring *spring = inp_springs(r) + map.pairs[i].at;
+        if (inp_find(&r->element_map, spring->label) >= 0 || (i > 0 && map.pairs[i].label == map.pairs[i - 1].label))
+            inp_complain(r, spring->place, "element %d is there already", spring->label);
+    }
+    for (int k = 0; k < r->spring_sections.count && map.pairs; k++) {
+        const inp_spring_section *s = inp_spring_sections(r) + k;
+        int set = inp_find_set(r, s->set, 1), count = 0;
+        for (int i = 0; set >= 0 && i < inp_sets(r)[set].items.count; i++) {
+            int at = inp_find(&map, ((const int *)inp_sets(r)[set].items.items)[i]);
+            if (at >= 0) {
+                inp_springs(r)[at].section = k;
+                count++;
+            }
+        }
+        if (count == 0 && *s->set)
+            inp_complain(r, s->place, "there is no set of springs %.80s", s->set);
+        if (s->is_table && !(s->least < 0 && s->most > 0))
+            inp_complain(r, s->place,
+                         "the table of *SPRING must pull and push: springs that do one only cannot be said");
+        else if (s->is_table && !(s->stiffness > 0))
+            inp_complain(r, s->place, "the stiffness of a spring must be > 0");
+    }
+    free(map.pairs);
+}
+
+/* Finds the body's node of a spring and the point that draws it. */
+static inline void inp_find_ends(inp_reader *r, inp_spring *spring)
+{
+    const inp_spring_section *s = spring->section >= 0 ? inp_spring_sections(r) + spring->section : NULL;
+    int first_point = r->nodes.count - r->points, single, count;
+    if (!s) {
+        inp_complain(r, spring->place, "spring %d is in no *SPRING", spring->label);
+        return;
+    }
+    if (s->axis_count != spring->count || (spring->count == 2 && s->axes[0] != s->axes[1])) {
+        inp_complain(r, s->place,
+                     spring->count == 1 ? "a SPRING1 has one axis"
+                                        : "a SPRING2 has two axes, and here they must be the same");
+        return;
+    }
+    for (int k = 0; k < spring->count; k++) {
+        inp_labelled(r, spring->nodes[k], 0, spring->place, &single, &count);
+        spring->at[k] = single;
+    }
+    if (spring->count == 2 && spring->at[0] >= first_point) {
+        single = spring->at[0];
+        spring->at[0] = spring->at[1];
+        spring->at[1] = single;
+    }
+    if (spring->at[0] >= first_point)
+        inp_complain(r, spring->place, "spring %d hangs on no node of the body", spring->label);
+    else if (spring->count == 2 && spring->at[1] < first_point)
+        inp_complain(r, spring->place,
+                     "spring %d is between two nodes of the body: only springs to a node of no element are read",
+                     spring->label);
 }
 
 /* ---- building: supports and loads -------------------------------------------------------------------------- */
@@ -2078,6 +2350,87 @@ static inline void inp_attract(inp_reader *r, const inp_entry *e, double value)
     }
 }
 
+static inline int inp_compare_pulls(const void *a, const void *b)
+{
+    const inp_pull *left = (const inp_pull *)a, *right = (const inp_pull *)b;
+    if (left->node != right->node)
+        return left->node < right->node ? -1 : 1;
+    if (left->point != right->point)
+        return left->point < right->point ? -1 : 1;
+    return left->first < right->first ? -1 : left->first > right->first;
+}
+
+static inline int inp_compare_firsts(const void *a, const void *b)
+{
+    const inp_pull *left = (const inp_pull *)a, *right = (const inp_pull *)b;
+    return left->first < right->first ? -1 : left->first > right->first;
+}
+
+/* One for each node and point, by the nodes: parallel springs add up. Returns how many. */
+static inline int inp_merge_pulls(inp_pull *p, int count)
+{
+    int merged = 0;
+    qsort(p, (size_t)count, sizeof *p, inp_compare_pulls);
+    for (int i = 0; i < count; i++) {
+        inp_pull *last = merged > 0 ? p + merged - 1 : NULL;
+        if (!last || last->node != p[i].node || last->point != p[i].point)
+            p[merged++] = p[i];
+        else
+            for (int axis = 0; axis < 3; axis++)
+                last->stiffness[axis] += p[i].stiffness[axis];
+    }
+    return merged;
+}
+
+static inline void inp_make_pulls(inp_reader *r)
+{
+    for (int i = 0; i < r->springs.count; i++) {
+        const inp_spring *spring = inp_springs(r) + i;
+        const inp_spring_section *s = inp_spring_sections(r) + spring->section;
+        inp_pull *p = (inp_pull *)inp_add(r, &r->pulls, sizeof *p);
+        if (!p)
+            return;
+        p->node = spring->at[0];
+        p->point = spring->at[1];
+        p->first = i;
+        p->stiffness[s->axes[0]] = s->stiffness;
+    }
+    if (r->pulls.count > 0)
+        r->pulls.count = inp_merge_pulls((inp_pull *)r->pulls.items, r->pulls.count);
+}
+
+/* Whether a force is what draws a node to where the point of one of its springs stands, stiffness times the way there:
+ * inp_write says springs so. Each spring takes one such force for each axis, which then is no force of the case. */
+static inline int inp_is_pull(inp_reader *r, const inp_entry *e, double value)
+{
+    inp_pull *pulls = (inp_pull *)r->pulls.items;
+    int single = -1, count, low = 0, high = r->pulls.count;
+    if (high == 0 || e->kind != INP_CLOAD || e->amplitude || r->steps.count != 1 || inp_find_set(r, e->target, 0) >= 0)
+        return 0;
+    inp_labelled(r, e->target, 0, e->place, &single, &count);
+    while (low < high) {
+        int middle = low + (high - low) / 2;
+        if (pulls[middle].node < single)
+            low = middle + 1;
+        else
+            high = middle;
+    }
+    for (; low < r->pulls.count && pulls[low].node == single; low++) {
+        inp_pull *p = pulls + low;
+        double way, force;
+        if (p->point < 0 || p->is_drawn[e->first])
+            continue;
+        way = (double)case_component(r->c->mesh.nodes[p->point], e->first) -
+              (double)case_component(r->c->mesh.nodes[single], e->first);
+        force = p->stiffness[e->first] * way;
+        if (force == 0 || fabs(value - force) > 4 * DBL_EPSILON * fabs(force))
+            continue;
+        p->is_drawn[e->first] = 1;
+        return 1;
+    }
+    return 0;
+}
+
 static inline void inp_apply_entries(inp_reader *r)
 {
     for (int i = 0; i < r->entries.count && !r->no_memory; i++) {
@@ -2089,6 +2442,8 @@ static inline void inp_apply_entries(inp_reader *r)
         }
         if (rise > 0 && e->kind != INP_BOUNDARY)
             inp_complain(r, e->place, "a load of a dynamic step is sudden: a ramp is for supports only");
+        if (inp_is_pull(r, e, value))
+            continue;
         switch (e->kind) {
         case INP_BOUNDARY:
         case INP_CLOAD: inp_apply_to_nodes(r, e, value, rise); break;
@@ -2152,7 +2507,7 @@ static inline void inp_add_supports(inp_reader *r, int moved, double rise)
     case_bits given = moved ? CASE_BIT(CASE_FILE) | (rise > 0 ? CASE_BIT(CASE_RAMP) : 0) : CASE_BIT(CASE_NODES);
     for (int axes = 1; axes < 8 && !r->no_memory; axes++) {
         case_statement *s = NULL;
-        for (int i = 0; i < r->nodes.count && !r->no_memory; i++) {
+        for (int i = 0; i < r->c->mesh.node_count && !r->no_memory; i++) {
             const double *u = r->support + 3 * (size_t)i;
             if (inp_support_axes(r, i, moved, rise) != axes)
                 continue;
@@ -2176,7 +2531,7 @@ static inline void inp_add_all_supports(inp_reader *r)
     inp_add_supports(r, 0, 0);
     while (!r->no_memory) {
         double next = -1;
-        for (size_t i = 0; i < 3 * (size_t)r->nodes.count; i++)
+        for (size_t i = 0; i < 3 * (size_t)r->c->mesh.node_count; i++)
             if (r->support_step[i] >= 0 && r->support[i] != 0 && r->ramp[i] > last && (next < 0 || r->ramp[i] < next))
                 next = r->ramp[i];
         if (next < 0)
@@ -2186,6 +2541,15 @@ static inline void inp_add_all_supports(inp_reader *r)
     }
 }
 
+/* Whether the node is a point in space that springs hang on, which is complained about. */
+static inline int inp_is_point(inp_reader *r, int node, inp_place place)
+{
+    if (node < r->c->mesh.node_count)
+        return 0;
+    inp_complain(r, place, "node %d is of no element, only springs can hang on it", r->c->node_numbers[node]);
+    return 1;
+}
+
 static inline void inp_add_forces(inp_reader *r)
 {
     case_statement *s = NULL;
@@ -2193,6 +2557,8 @@ static inline void inp_add_forces(inp_reader *r)
         const double *f = r->force + 3 * (size_t)i;
         if (f[0] == 0 && f[1] == 0 && f[2] == 0)
             continue;
+        if (inp_is_point(r, i, r->step_place))
+            return;
         if (!s)
             s = inp_statement(r, CASE_FORCE, NULL, CASE_BIT(CASE_FILE), r->step_place);
         inp_add_node(r, s, i, sb_v3((sb_real)f[0], (sb_real)f[1], (sb_real)f[2]));
@@ -2280,6 +2646,59 @@ static inline void inp_add_gravity(inp_reader *r)
     s->numbers[2] = (double)g.z;
 }
 
+/* Where a node is drawn to along an axis: as far from where it is at rest, or from where the point stands when a force
+ * draws it there, as the point is displaced. */
+static inline double inp_pull_target(const inp_reader *r, const inp_pull *p, int axis)
+{
+    const sb_vec3 *x = r->c->mesh.nodes;
+    double from = (double)case_component(x[p->is_drawn[axis] ? p->point : p->node], axis);
+    return p->point < 0 ? from : from + r->support[3 * (size_t)p->point + (size_t)axis];
+}
+
+/* Whether the springs are one of a case: as stiff along each axis, to a point that is held. */
+static inline int inp_can_pull(inp_reader *r, const inp_pull *p)
+{
+    const inp_place place = inp_springs(r)[p->first].place;
+    const double *k = p->stiffness;
+    if (k[0] != k[1] || k[0] != k[2]) {
+        inp_complain(r, place, "node %d has springs of %g, %g and %g N/m along x, y and z: here they are all the same",
+                     r->c->node_numbers[p->node], k[0], k[1], k[2]);
+        return 0;
+    }
+    for (int axis = 0; axis < 3 && p->point >= 0; axis++) {
+        size_t at = 3 * (size_t)p->point + (size_t)axis;
+        if (r->support_step[at] >= 0 && !(r->ramp[at] > 0))
+            continue;
+        inp_complain(r, place,
+                     r->support_step[at] < 0 ? "node %d, which springs hang on, must be held along x, y and z"
+                                             : "node %d, which springs hang on, moves by a ramp: it must be sudden",
+                     r->c->node_numbers[p->point]);
+        return 0;
+    }
+    return 1;
+}
+
+/* Springs of a case draw a node to a point in space, alike in all directions and without a length at rest: three
+ * SPRING2 from it to a node of no element, one along each axis; or SPRING1, to where it is at rest. */
+static inline void inp_add_springs(inp_reader *r)
+{
+    case_statement *s = NULL;
+    inp_pull *pulls = (inp_pull *)r->pulls.items;
+    if (r->pulls.count > 0)
+        qsort(pulls, (size_t)r->pulls.count, sizeof *pulls, inp_compare_firsts);
+    for (int i = 0; i < r->pulls.count && inp_can_pull(r, pulls + i); i++) {
+        const inp_pull *p = pulls + i;
+        if (!s)
+            s = inp_statement(r, CASE_SPRING, NULL, CASE_BIT(CASE_FILE), inp_springs(r)[p->first].place);
+        inp_add_node(r, s, p->node,
+                     sb_v3((sb_real)inp_pull_target(r, p, 0), (sb_real)inp_pull_target(r, p, 1),
+                           (sb_real)inp_pull_target(r, p, 2)));
+        if (r->no_memory)
+            break;
+        s->stiffness[s->count - 1] = (sb_real)p->stiffness[0];
+    }
+}
+
 static inline void inp_add_equations(inp_reader *r)
 {
     case_statement *s = NULL;
@@ -2293,7 +2712,7 @@ static inline void inp_add_equations(inp_reader *r)
         if (count > 1)
             inp_complain(r, t->place, "set %.80s has %d nodes: equations are read for one node a term", t->target,
                          count);
-        if (count != 1 || !s)
+        if (count != 1 || !s || inp_is_point(r, nodes[0], t->place))
             return;
         if ((t->starts && !case_add_equation(r->c, s, (sb_real)t->value)) ||
             !case_add_term(r->c, s, nodes[0], t->axis, (sb_real)t->coefficient))
@@ -2340,7 +2759,7 @@ static inline void inp_add_surface_item(inp_reader *r, const inp_tie *t, const i
             r->no_memory |= !case_add_face(r->c, s, targets[i], face);
         else if (!of_nodes)
             inp_add_face_nodes(r, s, seen, targets[i], face);
-        else if (!seen[targets[i]]) {
+        else if (!inp_is_point(r, targets[i], t->place) && !seen[targets[i]]) {
             seen[targets[i]] = 1;
             inp_add_node(r, s, targets[i], sb_v3(0, 0, 0));
         }
@@ -2626,6 +3045,8 @@ static inline void inp_add_outputs(inp_reader *r)
         if (set < 0 || inp_sets(r)[set].items.count != 1)
             continue;
         node = ((const int *)inp_sets(r)[set].items.items)[0];
+        if (node >= r->c->mesh.node_count)
+            continue;
         for (int k = 0; k < r->c->statement_count; k++)
             seen |= r->c->statements[k].path && r->c->statements[k].form->code == CASE_OUTPUT_PROBE &&
                     r->c->statements[k].form->kind == CASE_OUTPUT && r->c->statements[k].node == node;
@@ -2643,6 +3064,7 @@ static inline void inp_add_statements(inp_reader *r)
     inp_add_all_supports(r);
     inp_add_forces(r);
     inp_add_pressures(r);
+    inp_add_springs(r);
     inp_add_equations(r);
     inp_add_ties(r);
     if (!r->procedure)
@@ -2676,9 +3098,18 @@ static inline int inp_make_tables(inp_reader *r)
 
 static inline void inp_build(inp_reader *r)
 {
-    if (!inp_make_maps(r) || !inp_make_mesh(r) || r->c->faults.count > 0)
+    if (!inp_make_maps(r))
+        return;
+    if (r->springs.count > 0)
+        inp_part_points(r);
+    if (r->spring_sections.count > 0)
+        inp_take_spring_sections(r);
+    for (int i = 0; i < r->springs.count && r->c->faults.count == 0; i++)
+        inp_find_ends(r, inp_springs(r) + i);
+    if (r->no_memory || !inp_make_mesh(r) || r->c->faults.count > 0)
         return;
     inp_resolve_sets(r);
+    inp_make_pulls(r);
     if (!inp_make_tables(r))
         return;
     inp_apply_entries(r);
@@ -2689,9 +3120,11 @@ static inline void inp_build(inp_reader *r)
 
 static inline void inp_free(inp_reader *r)
 {
-    inp_list *lists[] = {&r->sources,   &r->nodes,    &r->elements,   &r->element_nodes, &r->flat,  &r->sets,
-                         &r->materials, &r->sections, &r->amplitudes, &r->surface_items, &r->ties,  &r->entries,
-                         &r->terms,     &r->probes,   &r->pressures,  &r->steps,         &r->parts, &r->instances};
+    inp_list *lists[] = {&r->sources, &r->nodes,     &r->elements,  &r->element_nodes, &r->flat,
+                         &r->sets,    &r->materials, &r->sections,  &r->amplitudes,    &r->surface_items,
+                         &r->ties,    &r->entries,   &r->terms,     &r->probes,        &r->pressures,
+                         &r->steps,   &r->parts,     &r->instances, &r->springs,       &r->spring_sections,
+                         &r->pulls};
     for (int i = 1; i < r->sources.count; i++) { /* the first is the case's */
         free(inp_sources(r)[i].text);
         free(inp_sources(r)[i].path);

@@ -1,7 +1,7 @@
 /* case_inp_write: writes a case in memory as an input file of CalculiX (and Abaqus), in units of 1e-4 N and 1e-4 kg
  * where it is not linear, see foreign_units. inp_read makes the same body of it: dead loads become nodal forces,
- * supports, pressures and ties stay what they are. What cannot be said is refused, with its line. Include case_inp.h
- * first.
+ * supports, pressures, ties and springs stay what they are. What cannot be said is refused, with its line. Include
+ * case_inp.h first.
  */
 #ifndef CASE_INP_WRITE_H
 #define CASE_INP_WRITE_H
@@ -13,6 +13,7 @@ typedef struct inp_writer {
     FILE *file;
     int shift;     /* decimal exponent of a newton in the file's unit of force */
     int nonlinear; /* NLGEOM */
+    int springs;   /* written so far */
     int as_svk;    /* corotated material is written as St.Venant-Kirchhoff's */
 } inp_writer;
 
@@ -22,6 +23,25 @@ static inline void inp_print(inp_writer *w, const char *before, double value, in
 {
     char text[48];
     fprintf(w->file, "%s%s", before, foreign_print_number(text, value, shift, quantity));
+}
+
+/* A number > 0 with a decimal point: CalculiX takes a first line of *SPRING without one for axes. */
+static inline void inp_print_stiffness(inp_writer *w, double value)
+{
+    char text[50];
+    size_t length;
+    foreign_print_number(text, value, w->shift, FOREIGN_CONSTANT);
+    length = strcspn(text, "e+-");
+    if (text[length] && strlen(text) > 19) { /* its exponent would be beyond 20 characters */
+        snprintf(text, sizeof text, "%.14e", value);
+        foreign_print_number(text, strtod(text, NULL), w->shift, FOREIGN_CONSTANT);
+        length = strcspn(text, "e+-");
+    }
+    if (!strchr(text, '.')) {
+        memmove(text + length + 1, text + length, strlen(text + length) + 1);
+        text[length] = '.';
+    }
+    fprintf(w->file, "%s\n", text);
 }
 
 /* Numbers from 1, 16 a line. */
@@ -106,7 +126,6 @@ static inline int inp_can_say(inp_writer *w, const case_statement *s)
                 return case_fail(w->c, s->line, "an equation with the value %g cannot be said, only with 0",
                                  (double)s->values[i]);
         return 1;
-    case CASE_SPRING:
     case CASE_CUT:
         return case_fail(w->c, s->line, "%s%s%s cannot be said in an input file", s->form->keyword, *what ? " " : "",
                          what);
@@ -232,6 +251,49 @@ static inline int inp_write_tie(inp_writer *w, const case_statement *s)
     return ok;
 }
 
+/* Springs as inp_add_springs reads them: from each node to one of its own, which is held at the point. */
+static inline void inp_write_springs(inp_writer *w, const case_statement *s)
+{
+    const sb_mesh *mesh = &w->c->mesh;
+    int point = mesh->node_count + 1 + w->springs, element = mesh->element_count + 1 + 3 * w->springs, end;
+    fprintf(w->file, "*NODE,NSET=POINTS%d\n", s->line);
+    for (int i = 0; i < s->count; i++) {
+        fprintf(w->file, "%d", point + i);
+        for (int axis = 0; axis < 3; axis++)
+            inp_print(w, ",", (double)case_component(s->vectors[i], axis), 0, FOREIGN_PLACE);
+        fprintf(w->file, "\n");
+    }
+    for (int first = 0; first < s->count; first = end) { /* those in a row that are as stiff */
+        for (end = first; end < s->count && s->stiffness[end] == s->stiffness[first]; end++)
+            ;
+        for (int axis = 0; axis < 3; axis++) {
+            fprintf(w->file, "*ELEMENT,TYPE=SPRING2,ELSET=SPRING%d_%d%c\n", s->line, first + 1, "XYZ"[axis]);
+            for (int i = first; i < end; i++)
+                fprintf(w->file, "%d,%d,%d\n", element++, s->nodes[i] + 1, point + i);
+            fprintf(w->file, "*SPRING,ELSET=SPRING%d_%d%c\n%d,%d\n", s->line, first + 1, "XYZ"[axis], axis + 1,
+                    axis + 1);
+            inp_print_stiffness(w, (double)s->stiffness[first]);
+        }
+    }
+    w->springs += s->count;
+    fprintf(w->file, "*BOUNDARY\nPOINTS%d,1,3\n", s->line);
+}
+
+/* What draws the nodes to the points: CalculiX does not draw by a displaced end, in linear steps never, in dynamic ones
+ * from the end of the first increment only. */
+static inline void inp_write_pulls(inp_writer *w, const case_statement *s)
+{
+    fprintf(w->file, "*CLOAD\n");
+    for (int i = 0; i < s->count; i++)
+        for (int axis = 0; axis < 3; axis++) {
+            double from = (double)case_component(w->c->mesh.nodes[s->nodes[i]], axis);
+            double force = (double)s->stiffness[i] * ((double)case_component(s->vectors[i], axis) - from);
+            fprintf(w->file, "%d,%d", s->nodes[i] + 1, axis + 1);
+            inp_print(w, ",", force, w->shift, FOREIGN_PLACE);
+            fprintf(w->file, "\n");
+        }
+}
+
 /* Axes of nodes, of `fix`, or of `prescribe` with their displacements. */
 static inline void inp_write_supports(inp_writer *w, const case_statement *s)
 {
@@ -261,6 +323,8 @@ static inline int inp_write_model(inp_writer *w)
             inp_write_equations(w, s);
         if (s->form->kind == CASE_TIE && ok)
             ok = inp_write_tie(w, s);
+        if (s->form->kind == CASE_SPRING)
+            inp_write_springs(w, s);
         if (s->form->kind == CASE_FIX)
             fprintf(w->file, "*BOUNDARY\n");
         if (s->form->kind == CASE_FIX)
@@ -371,6 +435,8 @@ static inline int inp_write_step(inp_writer *w)
             fprintf(w->file, s->number[CASE_RAMP] > 0 ? "*BOUNDARY,AMPLITUDE=RAMP%d\n" : "*BOUNDARY\n", s->line);
             inp_write_supports(w, s);
         }
+        if (s->form->kind == CASE_SPRING)
+            inp_write_pulls(w, s);
         if (s->form->kind == CASE_PRESSURE)
             ok = inp_write_pressures(w, s);
         if (s->form->kind == CASE_GRAVITY)
@@ -390,7 +456,7 @@ static inline int inp_write_step(inp_writer *w)
  * constants. Returns 1, or 0 with error_line and message: then the file is what it was before. */
 static inline int inp_write(case_file *c, const char *path, int as_svk)
 {
-    inp_writer w = {c, NULL, 0, 0, as_svk};
+    inp_writer w = {c, NULL, 0, 0, 0, as_svk};
     sb_output out;
     sb_error error;
     int ok = 1;

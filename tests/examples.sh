@@ -106,6 +106,18 @@ expect 2 'block.case is read by this case' case_convert block.case ./block.case
 expect 0 '^converged' case_solve block.inp -p block_
 expect 0 '^converged' case_solve "$tests/block.inp" -p given_
 check "both files have the same solution" same_numbers block_displacement.txt given_displacement.txt
+printf '%s\n' '35 20.5 .034 .025 .026' '34 20.5 .02 1e-7 .03' '34 100 .02 .02 .02' >hook.txt
+{ cat block.case && echo 'spring file=hook.txt'; } >hung.case
+expect 0 '^hung.inp: 36 nodes, 12 hex8$' case_convert hung.case hung.inp
+expect 0 '^back.case: 36 nodes' case_convert hung.inp back.case
+expect 0 '^hung2.inp: 36 nodes' case_convert back.case hung2.inp
+expect 0 '^back2.case: 36 nodes' case_convert hung2.inp back2.case
+check "springs come back the same" eval "sed 's/back2_/back_/' back2.case | cmp -s - back.case && cmp -s back_*_spring.txt back2_*_spring.txt && cmp -s back2_mesh.vtk block_mesh.vtk"
+check "they are those of the case" eval "awk '{ print \$1, \$2 + 0, \$3 + 0, \$4 + 0, \$5 + 0 }' hook.txt >hook_1.txt; awk '{ print \$1, \$2 + 0, \$3 + 0, \$4 + 0, \$5 + 0 }' back_*_spring.txt | cmp -s - hook_1.txt"
+expect 0 '^converged' case_solve hung.case -p hung_
+expect 0 '^converged' case_solve hung.inp -p hung_inp_
+awk '{ $1++; print }' hung_displacement.txt >hung_by_number.txt
+check "springs of an input file are those of the case" same_numbers hung_inp_displacement.txt hung_by_number.txt
 printf '%s\n' 'mesh block_mesh.vtk' 'material corotated E=1e3 nu=.3 density=1e3' 'fix xyz nodes=block_1_fix.txt' \
     'solve static steps=1 tol=1e-8' >turning.case
 { cat block.case && echo 'expect probe 0 value=0,0,0 tol=1'; } >expected.case
@@ -158,6 +170,17 @@ if command -v ccx >/dev/null 2>&1; then
     check "CalculiX solves it" eval "ccx block >ccx.txt 2>&1"
     awk '/displacements/ { on = 1 } on && NF == 4' block.dat >ccx_displacement.txt
     check "CalculiX finds the same displacements" same_numbers block_displacement.txt ccx_displacement.txt
+    check "CalculiX solves it with springs" eval "ccx hung >ccx.txt 2>&1"
+    awk '/displacements/ { on = 1 } on && NF == 4' hung.dat >ccx_displacement.txt
+    check "CalculiX' springs pull alike" same_numbers hung_inp_displacement.txt ccx_displacement.txt
+    { sed '/^material/d; /^pressure/d' hung.case && for region in 3 5; do
+        echo "material linear E=${region}e3 nu=.3 density=1000 region=$region"
+    done; } >lined.case
+    expect 0 '^lined.inp' case_convert lined.case lined.inp
+    expect 0 '^converged' case_solve lined.inp -p lined_
+    check "CalculiX solves a linear step with springs" eval "ccx lined >ccx.txt 2>&1"
+    awk '/displacements/ { on = 1 } on && NF == 4' lined.dat >ccx_displacement.txt
+    check "CalculiX' springs pull alike in linear steps" same_numbers lined_displacement.txt ccx_displacement.txt
 else
     skip "no ccx: case_convert's file is not solved by CalculiX"
 fi

@@ -347,7 +347,116 @@ static void test_tie(void)
     case_free(&d);
 }
 
-/* Numbers: written and read again, shifted, they are the same; and CalculiX sees them in 20 characters. */
+/* The springs of a case, or NULL. */
+static const case_statement *find_springs(const case_file *c)
+{
+    for (int i = 0; i < c->statement_count; i++)
+        if (c->statements[i].form->kind == CASE_SPRING)
+            return c->statements + i;
+    return NULL;
+}
+
+/* Springs of 250 N/m at the corners of the cube's top, to points of a set before it; lines 1 to 18 beyond the cube's.
+ */
+#define POINTS "*NODE, NSET=POINTS\n11,0,0,1.02\n12,1,0,1.02\n13,1,1,1.02\n14,0,1,1.02\n"
+#define HUNG(type, ends)                                                                                               \
+    "*ELEMENT, TYPE=SPRING" type ", ELSET=SX\n21,5" ends "\n*ELEMENT, TYPE=SPRING" type ", ELSET=SY\n31,5" ends        \
+    "\n*ELEMENT, TYPE=SPRING" type ", ELSET=SZ\n41,5" ends "\n"
+#define THREE "*ELEMENT, TYPE=SPRING2, ELSET="
+#define AXES "*SPRING, ELSET=SX\n1,1\n250\n*SPRING, ELSET=SY\n2,2\n250\n*SPRING, ELSET=SZ\n3,3\n250\n"
+#define HELD "*BOUNDARY\nPOINTS,1,3\n"
+#define STEP "*STEP\n*STATIC\n*END STEP\n"
+enum { AFTER_HUNG = AFTER_CLAMP + 5 + 6 };
+
+static void test_springs(void)
+{
+    static const char ends[] = "5,11\n%d,6,12\n%d,13,7\n%d,8,14\n";
+    static const char *const grounded[] = {"*SPRING, ELSET=%c\n%d\n250.\n",
+                                           "*spring, elset=%c, nonlinear\n%d\n-250, -1\n0, 0\n125., .5\n"};
+    double tolerance = SB_REAL_IS_FLOAT ? 1e-6 : 1e-10;
+    char text[4000];
+    int at = snprintf(text, sizeof text, "%s", POINTS CUBE CLAMP); /* points come first, and are no part of the mesh */
+    for (int axis = 0; axis < 3; axis++) {
+        at += snprintf(text + at, sizeof text - (size_t)at, "%sS%c\n%d,", THREE, "XYZ"[axis], 10 * axis + 11);
+        at += snprintf(text + at, sizeof text - (size_t)at, ends, 10 * axis + 12, 10 * axis + 13, 10 * axis + 14);
+    }
+    snprintf(text + at, sizeof text - (size_t)at, "%s", AXES "*STEP\n*STATIC\n*BOUNDARY\nPOINTS,1,2\nPOINTS,3,3,.02\n");
+    CHECK_NEAR(solve_text(text, 5).z, 0.01, tolerance); /* as stiff as the cube */
+    CHECK_NEAR(solve_text(text, 7).z, 0.01, tolerance);
+    /* by a force of 5 N in place of that; the same where it is the spring's own, and the point is where it stands */
+    for (int k = 0; k < 2; k++) {
+        case_file c;
+        int end = at;
+        end += snprintf(text + end, sizeof text - (size_t)end, "%s%s", AXES HELD, "*STEP\n*STATIC\n*CLOAD\n");
+        for (int i = 5; i < 9; i++)
+            end += snprintf(text + end, sizeof text - (size_t)end, "%d,3,%s\n", i, k ? "5.000000000000004" : "5.0001");
+        CHECK_NEAR(solve_text(text, 5).z, k ? 0.01 : 0.0100002, SB_REAL_IS_FLOAT ? 1e-6 : 1e-9);
+        snprintf(text + end, sizeof text - (size_t)end, "*END STEP\n");
+        if (CHECK(read_text(&c, text)) && CHECK(find_springs(&c) != NULL)) {
+            int forces = 0;
+            for (int i = 0; i < c.statement_count; i++)
+                forces += c.statements[i].form->kind == CASE_FORCE;
+            CHECK_INT(forces, k ? 0 : 1);
+            CHECK(find_springs(&c)->count == 4 && find_springs(&c)->vectors[0].z == (sb_real)(k ? 1.02 : 1));
+        }
+        case_free(&c);
+    }
+    for (int k = 0; k < 2; k++) { /* to the ground, in parallel with the cube */
+        at = snprintf(text, sizeof text, "%s", CUBE CLAMP);
+        for (int axis = 0; axis < 3; axis++) {
+            at += snprintf(text + at, sizeof text - (size_t)at,
+                           "*ELEMENT, TYPE=SPRING1, ELSET=%c\n%d,5\n%d,6\n%d,7\n%d,8\n", "XYZ"[axis], 10 * axis + 11,
+                           10 * axis + 12, 10 * axis + 13, 10 * axis + 14);
+            at += snprintf(text + at, sizeof text - (size_t)at, grounded[k], "XYZ"[axis], axis + 1);
+        }
+        snprintf(text + at, sizeof text - (size_t)at, "*STEP\n*STATIC\n*CLOAD\nTOP,3,5\n");
+        CHECK_NEAR(solve_text(text, 6).z, 0.01, tolerance);
+    }
+}
+
+static void test_springs_refused(void)
+{
+    const int line = AFTER_HUNG; /* the last of the springs, which POINTS, CUBE and CLAMP are before */
+    check_bad_numbers();
+    check_refused(POINTS CUBE CLAMP HUNG("2", ",11") AXES STEP, line - 4, "must be held along x, y and z");
+    check_refused(POINTS CUBE CLAMP HUNG("2", ",11") "*SPRING, ELSET=SX\n1,1\n250\n*SPRING, ELSET=SY\n2,2\n251\n"
+                                                     "*SPRING, ELSET=SZ\n3,3\n250\n" HELD STEP,
+                  line - 4, "node 5 has springs of 250, 251 and 250 N/m");
+    check_refused(POINTS CUBE CLAMP THREE "S\n21,5,11\n*SPRING, ELSET=S\n3,3\n250\n" HELD STEP, line - 4,
+                  "springs of 0, 0 and 250 N/m");
+    check_refused(POINTS CUBE CLAMP HUNG("2", ",6") AXES STEP, line - 4, "between two nodes of the body");
+    check_refused(POINTS CUBE CLAMP THREE "S\n21,12,11\n*SPRING, ELSET=S\n3,3\n1\n" HELD STEP, line - 4,
+                  "hangs on no node of the body");
+    check_refused(POINTS CUBE CLAMP "*ELEMENT, TYPE=SPRINGA, ELSET=S\n21,5,11\n*SPRING, ELSET=S\n\n250\n" STEP,
+                  line - 5, "elements SPRINGA are not read, only SPRING1 and SPRING2: their length at rest");
+    check_refused(POINTS CUBE CLAMP THREE "S\n21,5\n", line - 4, "a SPRING2 has a number and 2 nodes");
+    check_refused(POINTS CUBE CLAMP THREE "S\n21,5,11\n" STEP, line - 4, "spring 21 is in no *SPRING");
+    check_refused(POINTS CUBE CLAMP THREE "S\n1,5,11\n*SPRING, ELSET=S\n1,1\n1\n" STEP, line - 4,
+                  "element 1 is there already");
+    check_refused(POINTS CUBE CLAMP THREE "S\n21,5,99\n*SPRING, ELSET=S\n1,1\n1\n" STEP, line - 4,
+                  "node 99 is not there");
+#define ONE POINTS CUBE CLAMP THREE "S\n21,5,11\n"
+    check_refused(ONE "*SPRING, ELSET=T\n1,1\n1\n" STEP, line - 3, "there is no set of springs T");
+    check_refused(ONE "*SPRING, ELSET=S\n1,2\n1\n" STEP, line - 3, "here they must be the same");
+    check_refused(ONE "*SPRING, ELSET=S\n4,4\n1\n" STEP, line - 2, "axis 4 of a spring");
+    check_refused(ONE "*SPRING, ELSET=S\n1,1\n0\n" STEP, line - 1, "must be > 0");
+    check_refused(ONE "*SPRING, ELSET=S\n1,1\nnan\n" STEP, line - 1, "no finite number");
+    check_refused(ONE "*SPRING, ELSET=S\n1,1\n1,,20\n" STEP, line - 1, "frequency or temperature");
+    check_refused(ONE "*SPRING, ELSET=S\n1,1\n" STEP, line - 3, "has too few data lines");
+    check_refused(ONE "*SPRING, ELSET=S, ORIENTATION=O\n1,1\n1\n" STEP, line - 3, "ORIENTATION of *SPRING");
+    check_refused(ONE "*SPRING, ELSET=S, NONLINEAR\n1,1\n-1,-1\n0,0\n2,1\n" STEP, line + 1, "no straight line");
+    check_refused(ONE "*SPRING, ELSET=S, NONLINEAR\n1,1\n-1,-1\n1,0\n" STEP, line, "no straight line");
+    /* a rope */
+    check_refused(ONE "*SPRING, ELSET=S, NONLINEAR\n1,1\n0,0\n2,1\n" STEP, line - 3, "must pull and push");
+    check_refused(POINTS CUBE CLAMP HUNG("2", ",11") AXES HELD "*STEP\n*STATIC\n*CLOAD\nPOINTS,1,1\n*END STEP\n",
+                  line + 9 + 3, "node 11 is of no element");
+    check_refused(POINTS CUBE CLAMP HUNG("2", ",11") AXES HELD "*EQUATION\n2\n5,1,1,11,1,1\n" STEP, line + 9 + 5,
+                  "node 11 is of no element");
+    check_refused(POINTS CUBE CLAMP HUNG("2", ",11") AXES "*AMPLITUDE, NAME=A\n0,0,1,1\n*STEP\n*DYNAMIC, DIRECT, "
+                                                          "ALPHA=0\n.1,1\n*BOUNDARY, AMPLITUDE=A\nPOINTS,1,3,.1\n",
+                  line - 4, "moves by a ramp");
+}
+
 /* Each instance is the part anew, moved, then turned; names and labels in it are its own. 10 N on 1 m^2, 2 m long,
  * E = 1000 Pa: 20 mm. */
 static void test_assembly(void)
@@ -434,6 +543,7 @@ static void test_assembly_refused(void)
     }
 }
 
+/* Numbers: written and read again, shifted, they are the same; and CalculiX sees them in 20 characters. */
 static void test_numbers(void)
 {
     unsigned long long state = 7;
@@ -506,6 +616,57 @@ static void test_reference(void)
     printf("  reference cases: %.1e apart\n", worst);
 }
 
+static int same_springs(const case_statement *a, const case_statement *b)
+{
+    if (!a || !b || a->count != b->count)
+        return a == b;
+    for (int i = 0; i < a->count; i++)
+        if (a->nodes[i] != b->nodes[i] || a->stiffness[i] != b->stiffness[i] || a->vectors[i].x != b->vectors[i].x ||
+            a->vectors[i].y != b->vectors[i].y || a->vectors[i].z != b->vectors[i].z)
+            return 0;
+    return 1;
+}
+
+/* Digits of a stiffness: it has a point, and its exponent is within the 20 characters that CalculiX reads. */
+static void test_stiffness(void)
+{
+    static const double values[] = {250, 2.5, 1e4, 1e-3, 1.2345678901234567e-9, 1e-15, 1.7e19, 1.2345678901234567e16};
+    for (int i = 0; i < (int)(sizeof values / sizeof values[0]); i++)
+        for (int shift = 0; shift <= FOREIGN_UNIT; shift += FOREIGN_UNIT) {
+            char text[80], seen[21];
+            double whole = 0, value = 0;
+            inp_writer w = {NULL, NULL, shift, 1, 0, 0};
+            w.file = fopen("build/test_inp_stiffness.txt", "w+");
+            if (!CHECK(w.file != NULL))
+                return;
+            inp_print_stiffness(&w, values[i]);
+            rewind(w.file);
+            CHECK(fscanf(w.file, "%79s", text) == 1 && fclose(w.file) == 0);
+            snprintf(seen, sizeof seen, "%.20s", text);
+            if (!CHECK(strchr(seen, '.') && foreign_scan_number(text, -shift, &whole) &&
+                       foreign_scan_number(seen, -shift, &value)))
+                printf("%.17g as %s\n", values[i], text);
+            CHECK(fabs(whole - values[i]) <= 1e-14 * values[i] && fabs(value - values[i]) <= 1e-9 * values[i]);
+        }
+    CHECK(remove("build/test_inp_stiffness.txt") == 0);
+}
+
+/* Adds springs to a case of write_random_case: as stiff as each other or not, two on a node, to points far and near. */
+static void add_random_springs(const char *path, unsigned long long *state)
+{
+    FILE *file = fopen(path, "a"), *list = fopen("build/test_inp_random_springs", "w");
+    double stiffness = 1;
+    CHECK(file && fprintf(file, "spring file=test_inp_random_springs\n") > 0 && fclose(file) == 0);
+    for (int i = 0; i < 40 && list; i++) {
+        double size = i % 4 ? pow(10, (int)check_random_in(state, -6, 6)) : 0;
+        if (check_random(state) < 0.5)
+            stiffness = pow(10, (int)check_random_in(state, -4, 8)) * check_random_in(state, 1, 9);
+        fprintf(list, "%d %.17g %.17g %.17g %.17g\n", 7 * i % 33, stiffness, size * check_random_in(state, -1, 1),
+                size * check_random_in(state, -1, 1), size * check_random_in(state, -1, 1));
+    }
+    CHECK(list && fclose(list) == 0);
+}
+
 /* Reads a case, writes it as an input file, reads and writes that as a case again, and reads it: the bodies of all
  * three are the same, to the last bit. */
 static void check_round(const char *path, int loads)
@@ -527,6 +688,7 @@ static void check_round(const char *path, int loads)
         most = fmax(most, fmax(fmax(e.nodes, e.materials), fmax(e.supports, e.loads)));
         CHECK(d.same_elements && d.same_axes && d.same_solve && e.same_elements && e.same_axes && e.same_solve);
         CHECK_INT(b.notes.count, 0);
+        CHECK(same_springs(find_springs(&a), find_springs(&b)) && same_springs(find_springs(&a), find_springs(&c)));
         CHECK(a.material.density == c.material.density);
         CHECK(a.solve->number[CASE_STEPS] == c.solve->number[CASE_STEPS]);
         CHECK(a.solve->number[CASE_TOL] == c.solve->number[CASE_TOL]);
@@ -561,6 +723,8 @@ static void test_random_round(void)
     unsigned long long state = 2026;
     for (int i = 0; i < check_rounds(25); i++) {
         write_random_case("build/test_inp_random", laws, 0, &state);
+        if (i % 2)
+            add_random_springs("build/test_inp_random.case", &state);
         check_round("build/test_inp_random.case", 1);
     }
 }
@@ -608,7 +772,8 @@ static void test_size(void)
 CHECK_SUITE(inp, {"a column in all forms of lines", test_column}, {"ten mistakes", test_mistakes},
             {"labels", test_labels}, {"mistakes, one at a time", test_refused},
             {"loads and supports over steps", test_steps}, {"equations, CRLF", test_equation},
-            {"faces by number and surface", test_faces}, {"tied surfaces", test_tie},
+            {"faces by number and surface", test_faces}, {"tied surfaces", test_tie}, {"springs", test_springs},
+            {"stiffness of springs", test_stiffness}, {"springs that are none", test_springs_refused},
             {"parts and instances", test_assembly}, {"assemblies that are none", test_assembly_refused},
             {"numbers", test_numbers}, {"reference cases", test_reference},
             {"reference cases there and back", test_round}, {"random cases there and back", test_random_round},
