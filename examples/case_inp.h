@@ -19,8 +19,6 @@
 
 #include "case_foreign.h"
 
-#include <float.h>
-
 /* ---- what is read ------------------------------------------------------------------------------------------ */
 
 enum {
@@ -2399,8 +2397,9 @@ static inline void inp_make_pulls(inp_reader *r)
         r->pulls.count = inp_merge_pulls((inp_pull *)r->pulls.items, r->pulls.count);
 }
 
-/* Whether a force is what draws a node to where the point of one of its springs stands, stiffness times the way there:
- * inp_write says springs so. Each spring takes one such force for each axis, which then is no force of the case. */
+/* Whether a force is what draws a node to where the point of one of its springs stands, stiffness times the way there
+ * (as far as coordinates are rounded): inp_write says springs so. Each spring takes one such force for each axis, which
+ * then is no force of the case. */
 static inline int inp_is_pull(inp_reader *r, const inp_entry *e, double value)
 {
     inp_pull *pulls = (inp_pull *)r->pulls.items;
@@ -2417,13 +2416,13 @@ static inline int inp_is_pull(inp_reader *r, const inp_entry *e, double value)
     }
     for (; low < r->pulls.count && pulls[low].node == single; low++) {
         inp_pull *p = pulls + low;
-        double way, force;
+        double to, from, force, rounding = (double)SB_EPSILON;
         if (p->point < 0 || p->is_drawn[e->first])
             continue;
-        way = (double)case_component(r->c->mesh.nodes[p->point], e->first) -
-              (double)case_component(r->c->mesh.nodes[single], e->first);
-        force = p->stiffness[e->first] * way;
-        if (force == 0 || fabs(value - force) > 4 * DBL_EPSILON * fabs(force))
+        to = (double)case_component(r->c->mesh.nodes[p->point], e->first);
+        from = (double)case_component(r->c->mesh.nodes[single], e->first);
+        force = p->stiffness[e->first] * (to - from);
+        if (force == 0 || fabs(value - force) > rounding * p->stiffness[e->first] * (fabs(to) + fabs(from)))
             continue;
         p->is_drawn[e->first] = 1;
         return 1;
