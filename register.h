@@ -14689,6 +14689,7 @@ REG_API sb_result reg_infer_best_landmark(const reg_infer *infer, const sb_vec3 
     sb_embedding_rows rows;
     double least = 0;
     int first = -1;
+    sb_real far;
     sb_result result;
     if (!infer || !points || !best || count < 1)
         return sbi_fail(error, SB_ERROR_ARGUMENT, "the best landmark is one of some points of an inference: %d points",
@@ -14696,13 +14697,14 @@ REG_API sb_result reg_infer_best_landmark(const reg_infer *infer, const sb_vec3 
     if (!sb_is_finite(sd) || sd < 0)
         return sbi_fail(error, SB_ERROR_ARGUMENT, "a landmark's deviation must be finite and not negative, is %g",
                         (double)sd);
+    far = (sb_real)1e6 * infer->model->size; /* tells nothing, and has a square */
     result = regi_infer_hold_points(infer, points, count, &rows, error);
     for (int i = 0; result == SB_OK && i < count; i++) {
         sb_vec3 errors[REG_INFER_DRAWS];
         double after;
         for (int k = 0; k < REG_INFER_DRAWS; k++)
             errors[k] = regi_infer_point_error(infer, &rows.mapping, i, k);
-        after = regi_infer_expect_after(infer, errors, (double)sd);
+        after = regi_infer_expect_after(infer, errors, (double)sb_min(sd, far));
         if (first < 0 || after < least) {
             first = i;
             least = after;

@@ -582,6 +582,8 @@ static void test_best_landmark(void)
                 CHECK(other == 0 && sb_abs(same - foretold) < 1000 * SB_EPSILON * foretold);
                 CHECK_OK(reg_infer_best_landmark(infer, points, 1, REAL(1e3), &other, &same, NULL));
                 CHECK((double)same > 0.999 * (double)before.expected && same <= before.expected);
+                CHECK_OK(reg_infer_best_landmark(infer, points, 1, REAL(0.5) * SB_REAL_MAX, &other, &same, NULL));
+                CHECK((double)same > 0.999 * (double)before.expected && same <= before.expected);
                 for (int i = 0; i < CANDIDATES; i++) {
                     reg_infer_def with = def;
                     reg_infer *again = NULL;
