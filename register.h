@@ -9910,6 +9910,7 @@ typedef struct regi_loads {
     sb_body *body;
     sb_boundary boundary;
     sb_direct *direct;
+    int wide; /* of the fronts' arithmetic */
     void *memory;
     int node_count;
     int sample_count, sample_most; /* multiples of 3 */
@@ -10480,7 +10481,7 @@ static void regi_loads_gram(regi_loads *l)
             for (size_t s = 0; s < samples; s++)
                 to[s] = root * from[s];
         }
-        sbi_front_square(l->slab, count + samples, count, 0, NULL, l->system, l->pack);
+        sbi_front_square(l->slab, count + samples, count, 0, NULL, l->system, l->pack, l->wide);
     }
 }
 
@@ -10524,10 +10525,10 @@ static sb_result regi_loads_solve(regi_loads *l, sb_error *error)
         l->sizes[s] = l->system[s * samples + s];
         l->multiplier[s] = l->variance[s] > 0 ? l->gap[s] : 0;
     }
-    if (sbi_front_factor(l->system, samples, samples, 0, l->signs, l->sizes, l->pack, &info) >= 0)
+    if (sbi_front_factor(l->system, samples, samples, 0, l->signs, l->sizes, l->pack, l->wide, &info) >= 0)
         return sbi_fail(error, SB_ERROR_INDEFINITE, "the samples of the surface cannot be told apart");
-    sbi_front_forward(l->system, samples, samples, l->multiplier, 1);
-    sbi_front_backward(l->system, samples, samples, l->multiplier, 1);
+    sbi_front_forward(l->system, samples, samples, l->multiplier, 1, l->wide);
+    sbi_front_backward(l->system, samples, samples, l->multiplier, 1, l->wide);
     for (int k = 0; k < l->load_count; k++) {
         sb_real sum[3] = {0, 0, 0};
         for (int axis = 0; axis < 3; axis++) {
@@ -10744,6 +10745,7 @@ static sb_result regi_loads_prepare(regi_loads *l, sb_error *error)
     if (result != SB_OK)
         return result;
     l->node_count = mesh.node_count;
+    l->wide = sbi_lanes_are_wide();
     l->part_count = regi_loads_part_count(l);
     l->drag_first = l->part_count + 3 * l->match->landmark_count;
     l->drag_most = l->def->drag > 0 ? l->part_count / 3 : 0;
@@ -10890,6 +10892,7 @@ typedef struct regi_block {
     const double *left, *right;
     size_t left_stride, right_step, right_stride;
     int depth;
+    int wide; /* what sbi_lanes_are_wide() said */
 } regi_block;
 
 enum {
@@ -10900,9 +10903,9 @@ enum {
 /* to[j stride + i] += factor * the sums, i < width, j < rows. */
 REGI_API void regi_block_add(const regi_block *block, int width, int rows, double factor, double *to, size_t stride);
 /* x[n][REGI_BLOCK_WIDTH] <- U^-T x for the upper u[n][stride]. */
-REGI_API void regi_block_forward(const double *u, int n, size_t stride, double *x);
+REGI_API void regi_block_forward(int wide, const double *u, int n, size_t stride, double *x);
 /* x[n][REGI_BLOCK_WIDTH] <- U^-1 x */
-REGI_API void regi_block_backward(const double *u, int n, size_t stride, double *x);
+REGI_API void regi_block_backward(int wide, const double *u, int n, size_t stride, double *x);
 
 #endif /* REGI_BLOCK_H */
 
@@ -10912,46 +10915,62 @@ REGI_API void regi_block_backward(const double *u, int n, size_t stride, double 
 #include <string.h>
 
 #if defined(__GNUC__) && !defined(SB_NO_VECTORS)
-#if defined(__AVX__)
-enum { REGI_BLOCK_LANES = 4 };
-#else
-enum { REGI_BLOCK_LANES = 2 };
-#endif
-typedef double regi_block_lanes
-    __attribute__((vector_size(REGI_BLOCK_LANES * sizeof(double)), aligned(sizeof(double)), may_alias));
-#define REGI_BLOCK_AT(pointer) (*(const regi_block_lanes *)(const void *)(pointer))
-#define REGI_BLOCK_PUT(pointer, value) (*(regi_block_lanes *)(void *)(pointer) = (value))
+typedef double regi_block_pair_lanes __attribute__((vector_size(16), aligned(sizeof(double)), may_alias));
+typedef double regi_block_quad_lanes __attribute__((vector_size(32), aligned(sizeof(double)), may_alias));
+#define REGI_BLOCK_AT(lanes, pointer) (*(const lanes *)(const void *)(pointer))
+#define REGI_BLOCK_PUT(lanes, pointer, value) (*(lanes *)(void *)(pointer) = (value))
 
-/* Half of a tile without AVX: [4][4] sums stay in registers, and so do [4][8] with it. */
-enum { REGI_BLOCK_PART = 2 * REGI_BLOCK_LANES };
-
-static void regi_block_part(const regi_block *b, const double *left, const double *right, double *tile)
-{
-    const double *r0 = right, *r1 = r0 + b->right_stride, *r2 = r1 + b->right_stride, *r3 = r2 + b->right_stride;
-    regi_block_lanes c00 = {0}, c01 = c00, c10 = c00, c11 = c00, c20 = c00, c21 = c00, c30 = c00, c31 = c00;
-    size_t step = b->right_step;
-    for (int k = 0; k < b->depth; k++, left += b->left_stride) {
-        regi_block_lanes x = REGI_BLOCK_AT(left), y = REGI_BLOCK_AT(left + REGI_BLOCK_LANES);
-        c00 += x * *r0, c01 += y * *r0, r0 += step;
-        c10 += x * *r1, c11 += y * *r1, r1 += step;
-        c20 += x * *r2, c21 += y * *r2, r2 += step;
-        c30 += x * *r3, c31 += y * *r3, r3 += step;
+/* tile[4][8]: the sums of i and j on, for a type of vectors: two of them at a time, as many as the registers hold. */
+#define REGI_BLOCK_TILE(kind, lanes)                                                                                   \
+    SBI_FORCE_INLINE void regi_block_tile_##kind(const regi_block *b, int i, int j, double *tile)                      \
+    {                                                                                                                  \
+        enum { WIDTH = (int)(sizeof(lanes) / sizeof(double)) };                                                        \
+        for (int part = 0; part < REGI_BLOCK_WIDTH; part += 2 * WIDTH) {                                               \
+            const double *left = b->left + i + part, *r0 = b->right + (size_t)j * b->right_stride;                     \
+            const double *r1 = r0 + b->right_stride, *r2 = r1 + b->right_stride, *r3 = r2 + b->right_stride;           \
+            double *to = tile + part;                                                                                  \
+            lanes c00 = {0}, c01 = c00, c10 = c00, c11 = c00, c20 = c00, c21 = c00, c30 = c00, c31 = c00;              \
+            size_t step = b->right_step;                                                                               \
+            for (int k = 0; k < b->depth; k++, left += b->left_stride) {                                               \
+                lanes x = REGI_BLOCK_AT(lanes, left), y = REGI_BLOCK_AT(lanes, left + WIDTH);                          \
+                c00 += x * *r0, c01 += y * *r0, r0 += step;                                                            \
+                c10 += x * *r1, c11 += y * *r1, r1 += step;                                                            \
+                c20 += x * *r2, c21 += y * *r2, r2 += step;                                                            \
+                c30 += x * *r3, c31 += y * *r3, r3 += step;                                                            \
+            }                                                                                                          \
+            REGI_BLOCK_PUT(lanes, to, c00), REGI_BLOCK_PUT(lanes, to + WIDTH, c01), to += REGI_BLOCK_WIDTH;            \
+            REGI_BLOCK_PUT(lanes, to, c10), REGI_BLOCK_PUT(lanes, to + WIDTH, c11), to += REGI_BLOCK_WIDTH;            \
+            REGI_BLOCK_PUT(lanes, to, c20), REGI_BLOCK_PUT(lanes, to + WIDTH, c21), to += REGI_BLOCK_WIDTH;            \
+            REGI_BLOCK_PUT(lanes, to, c30), REGI_BLOCK_PUT(lanes, to + WIDTH, c31);                                    \
+        }                                                                                                              \
     }
-    REGI_BLOCK_PUT(tile, c00), REGI_BLOCK_PUT(tile + REGI_BLOCK_LANES, c01), tile += REGI_BLOCK_WIDTH;
-    REGI_BLOCK_PUT(tile, c10), REGI_BLOCK_PUT(tile + REGI_BLOCK_LANES, c11), tile += REGI_BLOCK_WIDTH;
-    REGI_BLOCK_PUT(tile, c20), REGI_BLOCK_PUT(tile + REGI_BLOCK_LANES, c21), tile += REGI_BLOCK_WIDTH;
-    REGI_BLOCK_PUT(tile, c30), REGI_BLOCK_PUT(tile + REGI_BLOCK_LANES, c31);
-}
 
-/* tile[4][8]: the sums of i and j on. */
-static void regi_block_tile(const regi_block *b, int i, int j, double *tile)
+#if defined(__AVX__) || SBI_IS_WIDENED
+REGI_BLOCK_TILE(quads, regi_block_quad_lanes)
+#endif
+#if !defined(__AVX__)
+REGI_BLOCK_TILE(pairs, regi_block_pair_lanes)
+#endif
+
+SBI_FORCE_INLINE void regi_block_tile(int wide, const regi_block *b, int i, int j, double *tile)
 {
-    for (int part = 0; part < REGI_BLOCK_WIDTH; part += REGI_BLOCK_PART)
-        regi_block_part(b, b->left + i + part, b->right + (size_t)j * b->right_stride, tile + part);
+#if defined(__AVX__)
+    (void)wide;
+    regi_block_tile_quads(b, i, j, tile);
+#elif SBI_IS_WIDENED
+    if (wide)
+        regi_block_tile_quads(b, i, j, tile);
+    else
+        regi_block_tile_pairs(b, i, j, tile);
+#else
+    (void)wide;
+    regi_block_tile_pairs(b, i, j, tile);
+#endif
 }
 #else
-static void regi_block_tile(const regi_block *b, int i, int j, double *tile)
+SBI_FORCE_INLINE void regi_block_tile(int wide, const regi_block *b, int i, int j, double *tile)
 {
+    (void)wide;
     memset(tile, 0, REGI_BLOCK_ROWS * REGI_BLOCK_WIDTH * sizeof *tile);
     for (int k = 0; k < b->depth; k++)
         for (int r = 0; r < REGI_BLOCK_ROWS; r++) {
@@ -10967,7 +10986,7 @@ static void regi_block_tile(const regi_block *b, int i, int j, double *tile)
 #if defined(__GNUC__) && !defined(SB_NO_VECTORS) && defined(__AVX512F__)
 typedef double regi_block_row __attribute__((vector_size(64), aligned(sizeof(double)), may_alias));
 
-static void regi_block_pair(const regi_block *b, int i, int j, double *tile)
+SBI_FORCE_INLINE void regi_block_pair(int wide, const regi_block *b, int i, int j, double *tile)
 {
     const double *left = b->left + i, *r0 = b->right + (size_t)j * b->right_stride, *r4 = r0 + 4 * b->right_stride;
     size_t one = b->right_stride, two = 2 * one, three = 3 * one;
@@ -10977,19 +10996,20 @@ static void regi_block_pair(const regi_block *b, int i, int j, double *tile)
         c0 += x * r0[0], c1 += x * r0[one], c2 += x * r0[two], c3 += x * r0[three];
         c4 += x * r4[0], c5 += x * r4[one], c6 += x * r4[two], c7 += x * r4[three];
     }
+    (void)wide;
     to = (regi_block_row *)(void *)tile;
     to[0] = c0, to[1] = c1, to[2] = c2, to[3] = c3, to[4] = c4, to[5] = c5, to[6] = c6, to[7] = c7;
 }
 #else
-static void regi_block_pair(const regi_block *b, int i, int j, double *tile)
+SBI_FORCE_INLINE void regi_block_pair(int wide, const regi_block *b, int i, int j, double *tile)
 {
-    regi_block_tile(b, i, j, tile);
-    regi_block_tile(b, i, j + REGI_BLOCK_ROWS, tile + REGI_BLOCK_ROWS * REGI_BLOCK_WIDTH);
+    regi_block_tile(wide, b, i, j, tile);
+    regi_block_tile(wide, b, i, j + REGI_BLOCK_ROWS, tile + REGI_BLOCK_ROWS * REGI_BLOCK_WIDTH);
 }
 #endif
 
 /* The sums of i, j on that do not fill a tile. */
-static void regi_block_rest(const regi_block *b, int i, int width, int j, int rows, double *tile)
+SBI_FORCE_INLINE void regi_block_rest(const regi_block *b, int i, int width, int j, int rows, double *tile)
 {
     memset(tile, 0, (size_t)(rows * REGI_BLOCK_WIDTH) * sizeof *tile);
     for (int k = 0; k < b->depth; k++)
@@ -11001,31 +11021,41 @@ static void regi_block_rest(const regi_block *b, int i, int width, int j, int ro
         }
 }
 
-REGI_API void regi_block_add(const regi_block *b, int width, int rows, double factor, double *to, size_t stride)
+SBI_FORCE_INLINE void regi_block_add_any_lanes(int wide, const regi_block *b, int width, int rows, double factor,
+                                               double *to, size_t stride)
 {
     double tile[2 * (int)REGI_BLOCK_ROWS * (int)REGI_BLOCK_WIDTH];
     for (int j = 0, high; j < rows; j += high) {
         high = rows - j < 2 * REGI_BLOCK_ROWS ? sbi_min_int(REGI_BLOCK_ROWS, rows - j) : 2 * REGI_BLOCK_ROWS;
         for (int i = 0; i < width; i += REGI_BLOCK_WIDTH) {
-            int wide = sbi_min_int(REGI_BLOCK_WIDTH, width - i);
-            if (high > REGI_BLOCK_ROWS && wide == REGI_BLOCK_WIDTH)
-                regi_block_pair(b, i, j, tile);
-            else if (high == REGI_BLOCK_ROWS && wide == REGI_BLOCK_WIDTH)
-                regi_block_tile(b, i, j, tile);
+            int have = sbi_min_int(REGI_BLOCK_WIDTH, width - i);
+            if (high > REGI_BLOCK_ROWS && have == REGI_BLOCK_WIDTH)
+                regi_block_pair(wide, b, i, j, tile);
+            else if (high == REGI_BLOCK_ROWS && have == REGI_BLOCK_WIDTH)
+                regi_block_tile(wide, b, i, j, tile);
             else
-                regi_block_rest(b, i, wide, j, high, tile);
+                regi_block_rest(b, i, have, j, high, tile);
             for (int r = 0; r < high; r++)
-                for (int c = 0; c < wide; c++)
+                for (int c = 0; c < have; c++)
                     to[(size_t)(j + r) * stride + (size_t)(i + c)] += factor * tile[r * REGI_BLOCK_WIDTH + c];
         }
     }
 }
 
-REGI_API void regi_block_forward(const double *u, int n, size_t stride, double *x)
+SBI_WIDEN_IF(regi_block_add_any, (const regi_block *b, int width, int rows, double factor, double *to, size_t stride),
+             (b, width, rows, factor, to, stride))
+
+REGI_API void regi_block_add(const regi_block *b, int width, int rows, double factor, double *to, size_t stride)
+{
+    regi_block_add_any(b->wide, b, width, rows, factor, to, stride);
+}
+
+REGI_API void regi_block_forward(int wide, const double *u, int n, size_t stride, double *x)
 {
     for (int first = 0; first < n; first += REGI_BLOCK_ROWS) {
         int rows = sbi_min_int(REGI_BLOCK_ROWS, n - first);
-        regi_block before = {x, u + first, REGI_BLOCK_WIDTH, 0, 1, 0};
+        regi_block before = {x, u + first, REGI_BLOCK_WIDTH, 0, 1, 0, 0};
+        before.wide = wide;
         before.right_step = stride;
         before.depth = first;
         regi_block_add(&before, REGI_BLOCK_WIDTH, rows, -1, x + (size_t)first * REGI_BLOCK_WIDTH, REGI_BLOCK_WIDTH);
@@ -11039,11 +11069,12 @@ REGI_API void regi_block_forward(const double *u, int n, size_t stride, double *
     }
 }
 
-REGI_API void regi_block_backward(const double *u, int n, size_t stride, double *x)
+REGI_API void regi_block_backward(int wide, const double *u, int n, size_t stride, double *x)
 {
     for (int first = (n - 1) / REGI_BLOCK_ROWS * REGI_BLOCK_ROWS; first >= 0; first -= REGI_BLOCK_ROWS) {
         int next = sbi_min_int(first + REGI_BLOCK_ROWS, n);
-        regi_block after = {x + (size_t)next * REGI_BLOCK_WIDTH, NULL, REGI_BLOCK_WIDTH, 1, 0, 0};
+        regi_block after = {x + (size_t)next * REGI_BLOCK_WIDTH, NULL, REGI_BLOCK_WIDTH, 1, 0, 0, 0};
+        after.wide = wide;
         after.right = u + (size_t)first * stride + (size_t)next;
         after.right_stride = stride;
         after.depth = n - next;
@@ -11082,6 +11113,7 @@ typedef struct regi_gauss {
     int most, most_loads; /* room for data and loads */
     int count, loads;     /* m and the columns of V */
     int poses, exact;     /* columns of R; rows of B, or 0 */
+    int wide;             /* what sbi_lanes_are_wide() said */
     double scale;         /* sd of a load */
     double *columns;      /* [loads][most] V^T */
     double *resultants;   /* [exact][most_loads] B; orthonormal once bound */
@@ -11146,11 +11178,11 @@ REGI_API double regi_gauss_evidence(const regi_gauss *gauss, double scale);
  * evidence, and that. */
 REGI_API double regi_gauss_best_scale(const regi_gauss *gauss, double *evidence);
 
-/* ---- dense helpers ---- */
+/* ---- dense helpers; wide: what sbi_lanes_are_wide() said ---- */
 /* Upper triangle of upper[n][stride] += rows^T rows of rows[count][stride]. */
-REGI_API void regi_gauss_add_squares(double *upper, int n, const double *rows, int count, size_t stride);
+REGI_API void regi_gauss_add_squares(int wide, double *upper, int n, const double *rows, int count, size_t stride);
 /* Upper a[n][stride] = U^T U in place, rows below the diagonal untouched. Returns 0 at a pivot that is not positive. */
-REGI_API int regi_gauss_cholesky(double *a, int n, size_t stride);
+REGI_API int regi_gauss_cholesky(int wide, double *a, int n, size_t stride);
 /* r[n] <- U^-1 U^-T r */
 REGI_API void regi_gauss_substitute(const double *u, int n, size_t stride, double *r);
 
@@ -11195,6 +11227,7 @@ REGI_API sb_result regi_gauss_create(int most, int most_loads, const sb_allocato
     memset(&g, 0, sizeof g);
     g.most = most;
     g.most_loads = most_loads;
+    g.wide = sbi_lanes_are_wide();
     if (allocator)
         g.allocator = *allocator;
     regi_gauss_layout(&g, &arena);
@@ -11236,16 +11269,18 @@ static void regi_gauss_add(double *SB_RESTRICT to, double factor, const double *
 }
 
 /* Upper triangle of upper[n][stride] += factor * rows^T rows of rows[count][stride]. */
-static void regi_gauss_square(double *upper, int n, double factor, const double *rows, int count, size_t stride)
+static void regi_gauss_square(int wide, double *upper, int n, double factor, const double *rows, int count,
+                              size_t stride)
 {
     enum { DEPTH = 64, SIDE = REGI_BLOCK_WIDTH }; /* rows that stay near */
     for (int k = 0; k < count; k += DEPTH)
         for (int i = 0; i < n; i += SIDE) {
             const double *at = rows + (size_t)k * stride + i;
-            regi_block block = {NULL, NULL, 0, 0, 1, 0};
+            regi_block block = {NULL, NULL, 0, 0, 1, 0, 0};
             double corner[(int)SIDE * (int)SIDE], *to = upper + (size_t)i * stride + i;
             int side = sbi_min_int(SIDE, n - i);
             block.left = block.right = at;
+            block.wide = wide;
             block.left_stride = block.right_step = stride;
             block.depth = sbi_min_int(DEPTH, count - k);
             memset(corner, 0, sizeof corner);
@@ -11257,12 +11292,12 @@ static void regi_gauss_square(double *upper, int n, double factor, const double 
         }
 }
 
-REGI_API void regi_gauss_add_squares(double *upper, int n, const double *rows, int count, size_t stride)
+REGI_API void regi_gauss_add_squares(int wide, double *upper, int n, const double *rows, int count, size_t stride)
 {
-    regi_gauss_square(upper, n, 1, rows, count, stride);
+    regi_gauss_square(wide, upper, n, 1, rows, count, stride);
 }
 
-REGI_API int regi_gauss_cholesky(double *a, int n, size_t stride)
+REGI_API int regi_gauss_cholesky(int wide, double *a, int n, size_t stride)
 {
     enum { BLOCK = 32 };
     for (int first = 0; first < n; first += BLOCK) {
@@ -11277,7 +11312,7 @@ REGI_API int regi_gauss_cholesky(double *a, int n, size_t stride)
             for (int i = k + 1; i < next; i++)
                 regi_gauss_add(a + (size_t)i * stride + i, -row[i], row + i, n - i);
         }
-        regi_gauss_square(a + (size_t)next * stride + next, n - next, -1, a + (size_t)first * stride + next,
+        regi_gauss_square(wide, a + (size_t)next * stride + next, n - next, -1, a + (size_t)first * stride + next,
                           next - first, stride);
     }
     return 1;
@@ -11354,7 +11389,7 @@ REGI_API void regi_gauss_multiply(regi_gauss *g)
     size_t m = (size_t)g->most;
     for (int i = 0; i < g->count; i++)
         memset(g->gram + (size_t)i * m, 0, (size_t)g->count * sizeof(double));
-    regi_gauss_add_squares(g->gram, g->count, g->columns, g->loads, m);
+    regi_gauss_add_squares(g->wide, g->gram, g->count, g->columns, g->loads, m);
 }
 
 /* ---- posterior ---- */
@@ -11368,8 +11403,8 @@ REGI_API int regi_gauss_solve(regi_gauss *g)
             row[j] = g->scale * g->scale * g->gram[(size_t)i * m + (size_t)j];
         row[i] += g->variance[i];
     }
-    regi_gauss_add_squares(g->system, g->count, g->pose, g->poses, m);
-    if (!regi_gauss_cholesky(g->system, g->count, m))
+    regi_gauss_add_squares(g->wide, g->system, g->count, g->pose, g->poses, m);
+    if (!regi_gauss_cholesky(g->wide, g->system, g->count, m))
         return 0;
     memcpy(g->multiplier, g->gap, (size_t)g->count * sizeof(double));
     regi_gauss_apply_inverse(g, g->multiplier);
@@ -11383,7 +11418,7 @@ REGI_API void regi_gauss_whiten(const regi_gauss *g, double *r)
 
 REGI_API void regi_gauss_whiten_many(const regi_gauss *g, double *x)
 {
-    regi_block_forward(g->system, g->count, (size_t)g->most, x);
+    regi_block_forward(g->wide, g->system, g->count, (size_t)g->most, x);
 }
 
 REGI_API void regi_gauss_apply_inverse(const regi_gauss *g, double *r)
@@ -11489,7 +11524,7 @@ static int regi_gauss_free_of_pose(regi_gauss *g, double *volume)
 {
     int n = g->poses + g->rank + 1;
     memset(g->products, 0, (size_t)n * REGI_GAUSS_WIDTH * sizeof(double));
-    regi_gauss_add_squares(g->products, n, g->weighted, g->count, REGI_GAUSS_WIDTH);
+    regi_gauss_add_squares(g->wide, g->products, n, g->weighted, g->count, REGI_GAUSS_WIDTH);
     *volume = 0;
     for (int k = 0; k < g->poses; k++) {
         double *row = g->products + (size_t)k * REGI_GAUSS_WIDTH, pivot = 1 + row[k];
@@ -11577,6 +11612,7 @@ enum { REGI_PRIOR_CONTROLS = 240 }; /* at most */
 typedef struct regi_prior {
     int node_count;    /* of the organ */
     int control_count; /* c */
+    int wide;          /* what sbi_lanes_are_wide() said */
     double size;       /* m: diagonal of the organ's box */
     double area;       /* m^2 of its surface */
     sb_vec3 *places;   /* [c] control points at rest (m) */
@@ -11790,6 +11826,7 @@ REGI_API sb_result regi_prior_create(const sb_mesh *mesh, const sb_boundary *bou
     draft.skin = &boundary->surface;
     draft.nodes = boundary->nodes;
     p.node_count = mesh->node_count;
+    p.wide = sbi_lanes_are_wide();
     sb_mesh_bounds(mesh, &low, &high);
     p.size = (double)sb_v3_norm(sb_v3_sub(high, low));
     regi_prior_layout_draft(&draft, wanted, &arena);
@@ -11867,7 +11904,7 @@ REGI_API int regi_prior_root(const regi_prior *p, double length, const double *l
             root[(size_t)i * (size_t)c + (size_t)j] =
                 scale * (regi_prior_kernel(regi_prior_apart(p, i, j) / (length * p->size)) + (i == j ? 1e-9 : 0));
         }
-    if (!regi_gauss_cholesky(root, c, (size_t)c))
+    if (!regi_gauss_cholesky(p->wide, root, c, (size_t)c))
         return 0;
     for (int i = 0; i < c; i++) /* U^T is the lower root */
         for (int j = i + 1; j < c; j++) {
@@ -12244,7 +12281,7 @@ static int regi_response_find_drift(regi_response *r)
                 sum += (double)sb_v3_dot(r->weighted_modes[(size_t)k * n + i], r->drift[(size_t)l * n + i]);
             r->drift_system[k * REGI_RESPONSE_MODES + l] = sum;
         }
-    if (!regi_gauss_cholesky(r->drift_system, REGI_RESPONSE_MODES, REGI_RESPONSE_MODES))
+    if (!regi_gauss_cholesky(0, r->drift_system, REGI_RESPONSE_MODES, REGI_RESPONSE_MODES))
         return 0;
     regi_response_stop_drift(r, r->recoil);
     return 1;
@@ -13441,7 +13478,8 @@ static void regi_infer_fill_strip(reg_infer *f, int axis, int first, int width)
     for (int k = 0; k < c; k += 2 * REGI_BLOCK_ROWS) {
         int have = sbi_min_int(2 * REGI_BLOCK_ROWS, c - k);
         double *columns = f->gauss.columns + (size_t)(3 * k + axis) * m + (size_t)first;
-        regi_block block = {NULL, NULL, REGI_BLOCK_WIDTH, 1, 0, 0};
+        regi_block block = {NULL, NULL, REGI_BLOCK_WIDTH, 1, 0, 0, 0};
+        block.wide = f->gauss.wide;
         block.left = f->tile + (size_t)k * REGI_BLOCK_WIDTH; /* turned_root is 0 before its diagonal */
         block.right = f->turned_root + (size_t)k * (size_t)c + (size_t)k;
         block.right_stride = (size_t)c;
@@ -13661,9 +13699,10 @@ static void regi_infer_leave(const reg_infer *f, int first, int axis, double *le
     int c = f->model->prior.control_count, count = sbi_min_int(REGI_BLOCK_WIDTH, c - first);
     size_t m = (size_t)g->most;
     double *x = f->tile, sum[REGI_BLOCK_WIDTH];
-    regi_block block = {NULL, NULL, 0, 1, 0, 0};
+    regi_block block = {NULL, NULL, 0, 1, 0, 0, 0};
     memset(x, 0, (size_t)g->count * REGI_BLOCK_WIDTH * sizeof *x);
     memset(sum, 0, sizeof sum);
+    block.wide = g->wide;
     block.left = f->turned_root + first;
     block.left_stride = (size_t)c;
     block.right = g->columns + (size_t)axis * m;
@@ -15177,6 +15216,7 @@ struct reg_track {
     sb_surface *tree; /* of the skin, its own: the model's may move meanwhile */
     void *memory;
     int node_count, skin_count, unknowns; /* unknowns: modes + 6 */
+    int wide;                             /* what sbi_lanes_are_wide() said */
     regi_track_known known, next;
     sb_vec3 *arms;      /* [nodes] m: from the middle, at the start, in the frame of the start */
     sb_vec3 *modes;     /* [modes][nodes] m */
@@ -15451,7 +15491,7 @@ static void regi_track_find_spread(reg_track *t)
             for (size_t k = 0; k < n; k++)
                 row[k] *= share;
         }
-        regi_gauss_add_squares(t->spread, t->unknowns, t->rows, 3, n);
+        regi_gauss_add_squares(t->wide, t->spread, t->unknowns, t->rows, 3, n);
     }
     for (size_t k = 0; k < n; k++)
         for (size_t l = 0; l < k; l++)
@@ -15771,7 +15811,7 @@ static void regi_track_gather(reg_track *t, int count)
 {
     size_t n = (size_t)t->unknowns;
     memset(t->information, 0, n * n * sizeof *t->information);
-    regi_gauss_add_squares(t->information, t->unknowns, t->rows, count, n);
+    regi_gauss_add_squares(t->wide, t->information, t->unknowns, t->rows, count, n);
     memset(t->pull, 0, n * sizeof *t->pull);
     memset(t->whole, 0, n * sizeof *t->whole);
     for (int i = 0; i < count; i++) {
@@ -15794,12 +15834,12 @@ static double regi_track_surprise(reg_track *t, int count)
     size_t n = (size_t)t->unknowns;
     double squares = 0, explained = 0;
     memcpy(t->precise, t->next.covariance, n * n * sizeof *t->precise);
-    if (!regi_gauss_cholesky(t->precise, t->unknowns, n))
+    if (!regi_gauss_cholesky(t->wide, t->precise, t->unknowns, n))
         return -1;
     regi_track_invert(t->precise, t->unknowns, t->column, t->precision);
     for (size_t k = 0; k < n * n; k++)
         t->precise[k] = t->precision[k] + t->information[k];
-    if (!regi_gauss_cholesky(t->precise, t->unknowns, n))
+    if (!regi_gauss_cholesky(t->wide, t->precise, t->unknowns, n))
         return -1;
     memset(t->column, 0, n * sizeof *t->column);
     for (int i = 0; i < count; i++) {
@@ -15822,7 +15862,7 @@ static int regi_track_weigh_pose(reg_track *t)
     for (size_t k = 0; k < REGI_TRACK_POSE; k++)
         for (size_t l = 0; l < REGI_TRACK_POSE; l++)
             factor[k * REGI_TRACK_POSE + l] = t->next.covariance[(q + k) * n + q + l];
-    if (!regi_gauss_cholesky(factor, REGI_TRACK_POSE, REGI_TRACK_POSE))
+    if (!regi_gauss_cholesky(0, factor, REGI_TRACK_POSE, REGI_TRACK_POSE))
         return 0;
     regi_track_invert(factor, REGI_TRACK_POSE, t->column, t->pose_precision);
     return 1;
@@ -15862,7 +15902,7 @@ static int regi_track_reduce(reg_track *t)
     for (size_t k = 0; k < REGI_TRACK_POSE; k++)
         for (size_t l = k; l < REGI_TRACK_POSE; l++)
             factor[k * REGI_TRACK_POSE + l] = t->precise[(q + k) * n + q + l];
-    if (!regi_gauss_cholesky(factor, REGI_TRACK_POSE, REGI_TRACK_POSE))
+    if (!regi_gauss_cholesky(0, factor, REGI_TRACK_POSE, REGI_TRACK_POSE))
         return 0;
     regi_track_reduce_pull(t, factor, t->pull, t->along);
     regi_track_reduce_pull(t, factor, t->whole, t->beyond);
@@ -15929,7 +15969,7 @@ static int regi_track_factor(reg_track *t, double scale)
     regi_track_add_pose_prior(t);
     for (int k = 0; k < t->def.modes; k++)
         t->precise[(size_t)k * n + (size_t)k] += 1 / (scale * scale);
-    return regi_gauss_cholesky(t->precise, t->unknowns, n);
+    return regi_gauss_cholesky(t->wide, t->precise, t->unknowns, n);
 }
 
 /* The state that information and pull, the pose before and a change of the scale suggest. */
@@ -16656,6 +16696,7 @@ static sb_result regi_track_make(reg_track *t, sb_error *error)
     t->skin_count = t->model->skin.node_count;
     regi_track_resolve(t);
     t->unknowns = t->def.modes + REGI_TRACK_POSE;
+    t->wide = sbi_lanes_are_wide();
     t->response.model = t->model;
     t->look.size = t->model->size;
     marks = regi_track_marks_of(&t->def, t->def.landmarks, t->def.curves);

@@ -1,5 +1,7 @@
 /* Tests of direct: factors of random and of elastic matrices against products and dense elimination, right-hand sides
  * one by one and together, orders and their fill, matrices that have no factor, bad input and failing allocations. */
+#define SB_SPLIT_BUILD
+#include "../src/softbody/solve/direct_front.h"
 #include "check.h"
 #include "scene.h"
 
@@ -381,7 +383,56 @@ static void test_memory(void)
     sb_mesh_free(&mesh);
 }
 
+/* Vectors of any width: fronts of odd sizes are factored and substituted to the same bits. Where the processor has no
+ * wider ones there is but one way. */
+static void test_widths(void)
+{
+    enum { MOST = 201, GROUPS = 3 };
+    static const size_t sizes[][2] = {{3, 3}, {9, 6}, {51, 33}, {132, 48}, {201, 99}};
+    const size_t x_size = (size_t)GROUPS * MOST * SBI_FRONT_GROUP;
+    sb_real *random = random_vector(MOST * MOST, 17), *pack = random_vector(SBI_FRONT_PACK + MOST * SBI_FRONT_GROUP, 1);
+    int rows[MOST];
+    for (int i = 0; i < MOST; i++)
+        rows[i] = i;
+    for (int c = 0; c < (int)(sizeof sizes / sizeof *sizes); c++) {
+        const size_t height = sizes[c][0], width = sizes[c][1], below = height - width;
+        sb_real *panel[2], *square[2], *x[2];
+        for (int wide = 0; wide < 2; wide++) {
+            sb_real signs[MOST], largest[MOST];
+            sb_direct_info info;
+            memset(&info, 0, sizeof info);
+            panel[wide] = (sb_real *)calloc(height * width, sizeof(sb_real));
+            square[wide] = (sb_real *)calloc(below * below + SBI_FRONT_REACH, sizeof(sb_real));
+            x[wide] = random_vector((int)x_size, 5);
+            for (size_t k = 0; k < width; k++) {
+                for (size_t r = k; r < height; r++)
+                    panel[wide][k * height + r] = random[k * MOST + r] + (r == k ? REAL(2 * MOST) : 0);
+                largest[k] = REAL(2 * MOST);
+            }
+            CHECK_INT(sbi_front_factor(panel[wide], height, width, 0, signs, largest, pack,
+                                       wide && sbi_lanes_are_wide(), &info),
+                      -1);
+            sbi_front_square(panel[wide], height, width, 0, signs, square[wide], pack, wide && sbi_lanes_are_wide());
+            sbi_front_forward(panel[wide], height, width, x[wide], SBI_FRONT_GROUP, wide && sbi_lanes_are_wide());
+            sbi_front_backward(panel[wide], height, width, x[wide], SBI_FRONT_GROUP, wide && sbi_lanes_are_wide());
+            sbi_front_forward_many(panel[wide], height, width, x[wide], GROUPS, pack, wide && sbi_lanes_are_wide());
+            sbi_front_backward_many(panel[wide], height, width, rows, x[wide], height, GROUPS, pack,
+                                    wide && sbi_lanes_are_wide());
+        }
+        CHECK(memcmp(panel[0], panel[1], height * width * sizeof(sb_real)) == 0);
+        CHECK(memcmp(square[0], square[1], below * below * sizeof(sb_real)) == 0);
+        CHECK(memcmp(x[0], x[1], x_size * sizeof(sb_real)) == 0 && isfinite((double)x[0][0]));
+        for (int wide = 0; wide < 2; wide++) {
+            free(panel[wide]);
+            free(square[wide]);
+            free(x[wide]);
+        }
+    }
+    free(random);
+    free(pack);
+}
+
 CHECK_SUITE(direct, {"random matrices", test_random}, {"elastic matrices", test_elastic}, {"signs", test_signs},
             {"the same bits", test_bits}, {"fill", test_fill}, {"patterns", test_patterns},
             {"matrices without a factor", test_singular}, {"refusals", test_refusals},
-            {"failing allocations", test_memory});
+            {"vectors of any width", test_widths}, {"failing allocations", test_memory});

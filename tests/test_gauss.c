@@ -357,5 +357,28 @@ static void test_drawn(void)
     sb_mesh_free(&mesh);
 }
 
+/* Vectors of any width: odd sums of products and substitutions to the same bits. */
+static void test_widths(void)
+{
+    enum { SIZE = 61, STRIDE = 64 };
+    double a[2][SIZE * STRIDE], x[2][SIZE * REGI_BLOCK_WIDTH], rows[5 * STRIDE];
+    for (int wide = 0; wide < 2; wide++) {
+        unsigned long long seed = 9;
+        for (int k = 0; k < SIZE * STRIDE; k++)
+            a[wide][k] = check_random_in(&seed, -0.5, 0.5);
+        for (int k = 0; k < SIZE * REGI_BLOCK_WIDTH; k++)
+            x[wide][k] = check_random_in(&seed, -0.5, 0.5);
+        for (int k = 0; k < SIZE; k++)
+            a[wide][k * STRIDE + k] += 2 * SIZE;
+        for (int k = 0; k < 5 * STRIDE; k++)
+            rows[k] = check_random_in(&seed, -0.5, 0.5);
+        regi_gauss_add_squares(wide && sbi_lanes_are_wide(), a[wide], SIZE - 3, rows, 5, STRIDE);
+        CHECK(regi_gauss_cholesky(wide && sbi_lanes_are_wide(), a[wide], SIZE, STRIDE));
+        regi_block_forward(wide && sbi_lanes_are_wide(), a[wide], SIZE, STRIDE, x[wide]);
+        regi_block_backward(wide && sbi_lanes_are_wide(), a[wide], SIZE, STRIDE, x[wide]);
+    }
+    CHECK(memcmp(a[0], a[1], sizeof a[0]) == 0 && memcmp(x[0], x[1], sizeof x[0]) == 0);
+}
+
 CHECK_SUITE(gauss, {"a bar", test_bar}, {"balance and exact data", test_balance}, {"draws", test_draws},
-            {"facets", test_facets}, {"data drawn from the prior", test_drawn});
+            {"facets", test_facets}, {"data drawn from the prior", test_drawn}, {"vectors of any width", test_widths});

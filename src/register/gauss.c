@@ -39,6 +39,7 @@ REGI_API sb_result regi_gauss_create(int most, int most_loads, const sb_allocato
     memset(&g, 0, sizeof g);
     g.most = most;
     g.most_loads = most_loads;
+    g.wide = sbi_lanes_are_wide();
     if (allocator)
         g.allocator = *allocator;
     regi_gauss_layout(&g, &arena);
@@ -80,16 +81,18 @@ static void regi_gauss_add(double *SB_RESTRICT to, double factor, const double *
 }
 
 /* Upper triangle of upper[n][stride] += factor * rows^T rows of rows[count][stride]. */
-static void regi_gauss_square(double *upper, int n, double factor, const double *rows, int count, size_t stride)
+static void regi_gauss_square(int wide, double *upper, int n, double factor, const double *rows, int count,
+                              size_t stride)
 {
     enum { DEPTH = 64, SIDE = REGI_BLOCK_WIDTH }; /* rows that stay near */
     for (int k = 0; k < count; k += DEPTH)
         for (int i = 0; i < n; i += SIDE) {
             const double *at = rows + (size_t)k * stride + i;
-            regi_block block = {NULL, NULL, 0, 0, 1, 0};
+            regi_block block = {NULL, NULL, 0, 0, 1, 0, 0};
             double corner[(int)SIDE * (int)SIDE], *to = upper + (size_t)i * stride + i;
             int side = sbi_min_int(SIDE, n - i);
             block.left = block.right = at;
+            block.wide = wide;
             block.left_stride = block.right_step = stride;
             block.depth = sbi_min_int(DEPTH, count - k);
             memset(corner, 0, sizeof corner);
@@ -101,12 +104,12 @@ static void regi_gauss_square(double *upper, int n, double factor, const double 
         }
 }
 
-REGI_API void regi_gauss_add_squares(double *upper, int n, const double *rows, int count, size_t stride)
+REGI_API void regi_gauss_add_squares(int wide, double *upper, int n, const double *rows, int count, size_t stride)
 {
-    regi_gauss_square(upper, n, 1, rows, count, stride);
+    regi_gauss_square(wide, upper, n, 1, rows, count, stride);
 }
 
-REGI_API int regi_gauss_cholesky(double *a, int n, size_t stride)
+REGI_API int regi_gauss_cholesky(int wide, double *a, int n, size_t stride)
 {
     enum { BLOCK = 32 };
     for (int first = 0; first < n; first += BLOCK) {
@@ -121,7 +124,7 @@ REGI_API int regi_gauss_cholesky(double *a, int n, size_t stride)
             for (int i = k + 1; i < next; i++)
                 regi_gauss_add(a + (size_t)i * stride + i, -row[i], row + i, n - i);
         }
-        regi_gauss_square(a + (size_t)next * stride + next, n - next, -1, a + (size_t)first * stride + next,
+        regi_gauss_square(wide, a + (size_t)next * stride + next, n - next, -1, a + (size_t)first * stride + next,
                           next - first, stride);
     }
     return 1;
@@ -198,7 +201,7 @@ REGI_API void regi_gauss_multiply(regi_gauss *g)
     size_t m = (size_t)g->most;
     for (int i = 0; i < g->count; i++)
         memset(g->gram + (size_t)i * m, 0, (size_t)g->count * sizeof(double));
-    regi_gauss_add_squares(g->gram, g->count, g->columns, g->loads, m);
+    regi_gauss_add_squares(g->wide, g->gram, g->count, g->columns, g->loads, m);
 }
 
 /* ---- posterior ---- */
@@ -212,8 +215,8 @@ REGI_API int regi_gauss_solve(regi_gauss *g)
             row[j] = g->scale * g->scale * g->gram[(size_t)i * m + (size_t)j];
         row[i] += g->variance[i];
     }
-    regi_gauss_add_squares(g->system, g->count, g->pose, g->poses, m);
-    if (!regi_gauss_cholesky(g->system, g->count, m))
+    regi_gauss_add_squares(g->wide, g->system, g->count, g->pose, g->poses, m);
+    if (!regi_gauss_cholesky(g->wide, g->system, g->count, m))
         return 0;
     memcpy(g->multiplier, g->gap, (size_t)g->count * sizeof(double));
     regi_gauss_apply_inverse(g, g->multiplier);
@@ -227,7 +230,7 @@ REGI_API void regi_gauss_whiten(const regi_gauss *g, double *r)
 
 REGI_API void regi_gauss_whiten_many(const regi_gauss *g, double *x)
 {
-    regi_block_forward(g->system, g->count, (size_t)g->most, x);
+    regi_block_forward(g->wide, g->system, g->count, (size_t)g->most, x);
 }
 
 REGI_API void regi_gauss_apply_inverse(const regi_gauss *g, double *r)
@@ -333,7 +336,7 @@ static int regi_gauss_free_of_pose(regi_gauss *g, double *volume)
 {
     int n = g->poses + g->rank + 1;
     memset(g->products, 0, (size_t)n * REGI_GAUSS_WIDTH * sizeof(double));
-    regi_gauss_add_squares(g->products, n, g->weighted, g->count, REGI_GAUSS_WIDTH);
+    regi_gauss_add_squares(g->wide, g->products, n, g->weighted, g->count, REGI_GAUSS_WIDTH);
     *volume = 0;
     for (int k = 0; k < g->poses; k++) {
         double *row = g->products + (size_t)k * REGI_GAUSS_WIDTH, pivot = 1 + row[k];

@@ -21,6 +21,7 @@ typedef struct regi_gauss {
     int most, most_loads; /* room for data and loads */
     int count, loads;     /* m and the columns of V */
     int poses, exact;     /* columns of R; rows of B, or 0 */
+    int wide;             /* what sbi_lanes_are_wide() said */
     double scale;         /* sd of a load */
     double *columns;      /* [loads][most] V^T */
     double *resultants;   /* [exact][most_loads] B; orthonormal once bound */
@@ -85,11 +86,11 @@ REGI_API double regi_gauss_evidence(const regi_gauss *gauss, double scale);
  * evidence, and that. */
 REGI_API double regi_gauss_best_scale(const regi_gauss *gauss, double *evidence);
 
-/* ---- dense helpers ---- */
+/* ---- dense helpers; wide: what sbi_lanes_are_wide() said ---- */
 /* Upper triangle of upper[n][stride] += rows^T rows of rows[count][stride]. */
-REGI_API void regi_gauss_add_squares(double *upper, int n, const double *rows, int count, size_t stride);
+REGI_API void regi_gauss_add_squares(int wide, double *upper, int n, const double *rows, int count, size_t stride);
 /* Upper a[n][stride] = U^T U in place, rows below the diagonal untouched. Returns 0 at a pivot that is not positive. */
-REGI_API int regi_gauss_cholesky(double *a, int n, size_t stride);
+REGI_API int regi_gauss_cholesky(int wide, double *a, int n, size_t stride);
 /* r[n] <- U^-1 U^-T r */
 REGI_API void regi_gauss_substitute(const double *u, int n, size_t stride, double *r);
 

@@ -49,7 +49,8 @@ static void regi_infer_fill_strip(reg_infer *f, int axis, int first, int width)
     for (int k = 0; k < c; k += 2 * REGI_BLOCK_ROWS) {
         int have = sbi_min_int(2 * REGI_BLOCK_ROWS, c - k);
         double *columns = f->gauss.columns + (size_t)(3 * k + axis) * m + (size_t)first;
-        regi_block block = {NULL, NULL, REGI_BLOCK_WIDTH, 1, 0, 0};
+        regi_block block = {NULL, NULL, REGI_BLOCK_WIDTH, 1, 0, 0, 0};
+        block.wide = f->gauss.wide;
         block.left = f->tile + (size_t)k * REGI_BLOCK_WIDTH; /* turned_root is 0 before its diagonal */
         block.right = f->turned_root + (size_t)k * (size_t)c + (size_t)k;
         block.right_stride = (size_t)c;
@@ -269,9 +270,10 @@ static void regi_infer_leave(const reg_infer *f, int first, int axis, double *le
     int c = f->model->prior.control_count, count = sbi_min_int(REGI_BLOCK_WIDTH, c - first);
     size_t m = (size_t)g->most;
     double *x = f->tile, sum[REGI_BLOCK_WIDTH];
-    regi_block block = {NULL, NULL, 0, 1, 0, 0};
+    regi_block block = {NULL, NULL, 0, 1, 0, 0, 0};
     memset(x, 0, (size_t)g->count * REGI_BLOCK_WIDTH * sizeof *x);
     memset(sum, 0, sizeof sum);
+    block.wide = g->wide;
     block.left = f->turned_root + first;
     block.left_stride = (size_t)c;
     block.right = g->columns + (size_t)axis * m;

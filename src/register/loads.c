@@ -26,6 +26,7 @@ typedef struct regi_loads {
     sb_body *body;
     sb_boundary boundary;
     sb_direct *direct;
+    int wide; /* of the fronts' arithmetic */
     void *memory;
     int node_count;
     int sample_count, sample_most; /* multiples of 3 */
@@ -596,7 +597,7 @@ static void regi_loads_gram(regi_loads *l)
             for (size_t s = 0; s < samples; s++)
                 to[s] = root * from[s];
         }
-        sbi_front_square(l->slab, count + samples, count, 0, NULL, l->system, l->pack);
+        sbi_front_square(l->slab, count + samples, count, 0, NULL, l->system, l->pack, l->wide);
     }
 }
 
@@ -640,10 +641,10 @@ static sb_result regi_loads_solve(regi_loads *l, sb_error *error)
         l->sizes[s] = l->system[s * samples + s];
         l->multiplier[s] = l->variance[s] > 0 ? l->gap[s] : 0;
     }
-    if (sbi_front_factor(l->system, samples, samples, 0, l->signs, l->sizes, l->pack, &info) >= 0)
+    if (sbi_front_factor(l->system, samples, samples, 0, l->signs, l->sizes, l->pack, l->wide, &info) >= 0)
         return sbi_fail(error, SB_ERROR_INDEFINITE, "the samples of the surface cannot be told apart");
-    sbi_front_forward(l->system, samples, samples, l->multiplier, 1);
-    sbi_front_backward(l->system, samples, samples, l->multiplier, 1);
+    sbi_front_forward(l->system, samples, samples, l->multiplier, 1, l->wide);
+    sbi_front_backward(l->system, samples, samples, l->multiplier, 1, l->wide);
     for (int k = 0; k < l->load_count; k++) {
         sb_real sum[3] = {0, 0, 0};
         for (int axis = 0; axis < 3; axis++) {
@@ -860,6 +861,7 @@ static sb_result regi_loads_prepare(regi_loads *l, sb_error *error)
     if (result != SB_OK)
         return result;
     l->node_count = mesh.node_count;
+    l->wide = sbi_lanes_are_wide();
     l->part_count = regi_loads_part_count(l);
     l->drag_first = l->part_count + 3 * l->match->landmark_count;
     l->drag_most = l->def->drag > 0 ? l->part_count / 3 : 0;

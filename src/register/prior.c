@@ -182,6 +182,7 @@ REGI_API sb_result regi_prior_create(const sb_mesh *mesh, const sb_boundary *bou
     draft.skin = &boundary->surface;
     draft.nodes = boundary->nodes;
     p.node_count = mesh->node_count;
+    p.wide = sbi_lanes_are_wide();
     sb_mesh_bounds(mesh, &low, &high);
     p.size = (double)sb_v3_norm(sb_v3_sub(high, low));
     regi_prior_layout_draft(&draft, wanted, &arena);
@@ -259,7 +260,7 @@ REGI_API int regi_prior_root(const regi_prior *p, double length, const double *l
             root[(size_t)i * (size_t)c + (size_t)j] =
                 scale * (regi_prior_kernel(regi_prior_apart(p, i, j) / (length * p->size)) + (i == j ? 1e-9 : 0));
         }
-    if (!regi_gauss_cholesky(root, c, (size_t)c))
+    if (!regi_gauss_cholesky(p->wide, root, c, (size_t)c))
         return 0;
     for (int i = 0; i < c; i++) /* U^T is the lower root */
         for (int j = i + 1; j < c; j++) {

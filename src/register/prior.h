@@ -19,6 +19,7 @@ enum { REGI_PRIOR_CONTROLS = 240 }; /* at most */
 typedef struct regi_prior {
     int node_count;    /* of the organ */
     int control_count; /* c */
+    int wide;          /* what sbi_lanes_are_wide() said */
     double size;       /* m: diagonal of the organ's box */
     double area;       /* m^2 of its surface */
     sb_vec3 *places;   /* [c] control points at rest (m) */

@@ -99,7 +99,7 @@ static int regi_response_find_drift(regi_response *r)
                 sum += (double)sb_v3_dot(r->weighted_modes[(size_t)k * n + i], r->drift[(size_t)l * n + i]);
             r->drift_system[k * REGI_RESPONSE_MODES + l] = sum;
         }
-    if (!regi_gauss_cholesky(r->drift_system, REGI_RESPONSE_MODES, REGI_RESPONSE_MODES))
+    if (!regi_gauss_cholesky(0, r->drift_system, REGI_RESPONSE_MODES, REGI_RESPONSE_MODES))
         return 0;
     regi_response_stop_drift(r, r->recoil);
     return 1;

@@ -246,6 +246,7 @@ static sb_result regi_track_make(reg_track *t, sb_error *error)
     t->skin_count = t->model->skin.node_count;
     regi_track_resolve(t);
     t->unknowns = t->def.modes + REGI_TRACK_POSE;
+    t->wide = sbi_lanes_are_wide();
     t->response.model = t->model;
     t->look.size = t->model->size;
     marks = regi_track_marks_of(&t->def, t->def.landmarks, t->def.curves);

@@ -230,7 +230,7 @@ static void regi_track_gather(reg_track *t, int count)
 {
     size_t n = (size_t)t->unknowns;
     memset(t->information, 0, n * n * sizeof *t->information);
-    regi_gauss_add_squares(t->information, t->unknowns, t->rows, count, n);
+    regi_gauss_add_squares(t->wide, t->information, t->unknowns, t->rows, count, n);
     memset(t->pull, 0, n * sizeof *t->pull);
     memset(t->whole, 0, n * sizeof *t->whole);
     for (int i = 0; i < count; i++) {
@@ -253,12 +253,12 @@ static double regi_track_surprise(reg_track *t, int count)
     size_t n = (size_t)t->unknowns;
     double squares = 0, explained = 0;
     memcpy(t->precise, t->next.covariance, n * n * sizeof *t->precise);
-    if (!regi_gauss_cholesky(t->precise, t->unknowns, n))
+    if (!regi_gauss_cholesky(t->wide, t->precise, t->unknowns, n))
         return -1;
     regi_track_invert(t->precise, t->unknowns, t->column, t->precision);
     for (size_t k = 0; k < n * n; k++)
         t->precise[k] = t->precision[k] + t->information[k];
-    if (!regi_gauss_cholesky(t->precise, t->unknowns, n))
+    if (!regi_gauss_cholesky(t->wide, t->precise, t->unknowns, n))
         return -1;
     memset(t->column, 0, n * sizeof *t->column);
     for (int i = 0; i < count; i++) {
@@ -281,7 +281,7 @@ static int regi_track_weigh_pose(reg_track *t)
     for (size_t k = 0; k < REGI_TRACK_POSE; k++)
         for (size_t l = 0; l < REGI_TRACK_POSE; l++)
             factor[k * REGI_TRACK_POSE + l] = t->next.covariance[(q + k) * n + q + l];
-    if (!regi_gauss_cholesky(factor, REGI_TRACK_POSE, REGI_TRACK_POSE))
+    if (!regi_gauss_cholesky(0, factor, REGI_TRACK_POSE, REGI_TRACK_POSE))
         return 0;
     regi_track_invert(factor, REGI_TRACK_POSE, t->column, t->pose_precision);
     return 1;
@@ -321,7 +321,7 @@ static int regi_track_reduce(reg_track *t)
     for (size_t k = 0; k < REGI_TRACK_POSE; k++)
         for (size_t l = k; l < REGI_TRACK_POSE; l++)
             factor[k * REGI_TRACK_POSE + l] = t->precise[(q + k) * n + q + l];
-    if (!regi_gauss_cholesky(factor, REGI_TRACK_POSE, REGI_TRACK_POSE))
+    if (!regi_gauss_cholesky(0, factor, REGI_TRACK_POSE, REGI_TRACK_POSE))
         return 0;
     regi_track_reduce_pull(t, factor, t->pull, t->along);
     regi_track_reduce_pull(t, factor, t->whole, t->beyond);
@@ -388,7 +388,7 @@ static int regi_track_factor(reg_track *t, double scale)
     regi_track_add_pose_prior(t);
     for (int k = 0; k < t->def.modes; k++)
         t->precise[(size_t)k * n + (size_t)k] += 1 / (scale * scale);
-    return regi_gauss_cholesky(t->precise, t->unknowns, n);
+    return regi_gauss_cholesky(t->wide, t->precise, t->unknowns, n);
 }
 
 /* The state that information and pull, the pose before and a change of the scale suggest. */

@@ -213,7 +213,7 @@ static void regi_track_find_spread(reg_track *t)
             for (size_t k = 0; k < n; k++)
                 row[k] *= share;
         }
-        regi_gauss_add_squares(t->spread, t->unknowns, t->rows, 3, n);
+        regi_gauss_add_squares(t->wide, t->spread, t->unknowns, t->rows, 3, n);
     }
     for (size_t k = 0; k < n; k++)
         for (size_t l = 0; l < k; l++)

@@ -48,6 +48,7 @@ struct reg_track {
     sb_surface *tree; /* of the skin, its own: the model's may move meanwhile */
     void *memory;
     int node_count, skin_count, unknowns; /* unknowns: modes + 6 */
+    int wide;                             /* what sbi_lanes_are_wide() said */
     regi_track_known known, next;
     sb_vec3 *arms;      /* [nodes] m: from the middle, at the start, in the frame of the start */
     sb_vec3 *modes;     /* [modes][nodes] m */

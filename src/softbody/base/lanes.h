@@ -40,8 +40,12 @@ SBI_FORCE_INLINE sbi_pair sbi_pair_make(sb_real a, sb_real b)
 /* SBI_WIDEN(f, wide, (parameters), (arguments)) defines f, which runs f_lanes: also compiled for AVX2, and so run where
  * `wide` is not 0, which sbi_lanes_are_wide() has said. Programs that are compiled for every x86-64 get vectors of four
  * doubles that way. Without fused products, and no lane looks at another: the same bits. f_lanes and what it calls in
- * its loops are SBI_FORCE_INLINE, lest they stay as narrow as the rest of the file. */
+ * its loops are SBI_FORCE_INLINE, lest they stay as narrow as the rest of the file. SBI_WIDEN_IF(f, (parameters),
+ * (arguments)): the same where f and f_lanes have a parameter before those, `wide`, which is a constant in f_lanes:
+ * for loops that are written twice. */
+#define SBI_LIST(...) __VA_ARGS__
 #if defined(__GNUC__) && defined(__x86_64__) && !defined(_MSC_VER) && !defined(__AVX2__) && !defined(SB_NO_VECTORS)
+#define SBI_IS_WIDENED 1
 #include <cpuid.h>
 
 /* 1: processor and system have AVX2. Asked of the processor, which takes as long as a thousand products: once, when a
@@ -71,10 +75,25 @@ SB_INLINE int sbi_lanes_are_wide(void)
         else                                                                                                           \
             name##_lanes arguments;                                                                                    \
     }
+#define SBI_WIDEN_IF(name, parameters, arguments)                                                                      \
+    static __attribute__((target("avx2"), noinline)) void name##_wide parameters                                       \
+    {                                                                                                                  \
+        name##_lanes(1, SBI_LIST arguments);                                                                           \
+    }                                                                                                                  \
+    static void name(int wide, SBI_LIST parameters)                                                                    \
+    {                                                                                                                  \
+        if (wide)                                                                                                      \
+            name##_wide arguments;                                                                                     \
+        else                                                                                                           \
+            name##_lanes(0, SBI_LIST arguments);                                                                       \
+    }
 #else
+#define SBI_IS_WIDENED 0
 SB_INLINE int sbi_lanes_are_wide(void) { return 0; }
 #define SBI_WIDEN(name, wide, parameters, arguments)                                                                   \
     static void name parameters { name##_lanes arguments; }
+#define SBI_WIDEN_IF(name, parameters, arguments)                                                                      \
+    static void name(int wide, SBI_LIST parameters) { name##_lanes(wide, SBI_LIST arguments); }
 #endif
 
 #endif /* SB_LANES_H */

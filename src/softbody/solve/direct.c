@@ -372,6 +372,7 @@ SB_API sb_result sb_direct_create(const sb_direct_def *def, const sb_matrix *pat
         made->allocator = *allocator;
     made->kind = def ? (int)def->kind : (int)ordinary.kind;
     made->node_count = pattern->row_count;
+    made->wide = sbi_lanes_are_wide();
     made->block_count = sbi_matrix_used_blocks(pattern);
     made->pattern_version = sbi_matrix_version(pattern);
     made->info.unknowns = 3 * pattern->row_count;
@@ -529,11 +530,11 @@ static sb_result sbi_direct_factor_piece(sb_direct *d, const sb_matrix *a, int i
         sbi_direct_extend(d, piece, square, child, d->squares + (*used - freed));
     }
     bad = sbi_front_factor(panel, height, width, d->kind == SB_DIRECT_LDLT, d->signs + 3 * (size_t)piece->first,
-                           d->sizes + 3 * (size_t)piece->first, d->pack, &d->info);
+                           d->sizes + 3 * (size_t)piece->first, d->pack, d->wide, &d->info);
     if (bad >= 0)
         return sbi_direct_fail(a, d->node[piece->first + bad / 3], error);
     sbi_front_square(panel, height, width, d->kind == SB_DIRECT_LDLT, d->signs + 3 * (size_t)piece->first, square,
-                     d->pack);
+                     d->pack, d->wide);
     sbi_direct_lower_square(square, height - width, freed);
     *used += size - freed;
     d->waiting[(*depth)++] = index;
@@ -594,7 +595,8 @@ static void sbi_direct_substitute(sb_direct *d, int groups, int group)
         for (int k = 0; k < groups; k++) {
             sb_real *solution = d->solution + (size_t)k * stride;
             sbi_direct_move(d, piece, solution, piece->row_count, group, 0);
-            sbi_front_forward(d->factor + piece->panel, 3 * (size_t)piece->row_count, width, d->gathered, group);
+            sbi_front_forward(d->factor + piece->panel, 3 * (size_t)piece->row_count, width, d->gathered, group,
+                              d->wide);
             sbi_direct_move(d, piece, solution, piece->row_count, group, 1);
         }
     }
@@ -606,7 +608,8 @@ static void sbi_direct_substitute(sb_direct *d, int groups, int group)
         for (int k = 0; k < groups; k++) {
             sb_real *solution = d->solution + (size_t)k * stride;
             sbi_direct_move(d, piece, solution, piece->row_count, group, 0);
-            sbi_front_backward(d->factor + piece->panel, 3 * (size_t)piece->row_count, width, d->gathered, group);
+            sbi_front_backward(d->factor + piece->panel, 3 * (size_t)piece->row_count, width, d->gathered, group,
+                               d->wide);
             sbi_direct_move(d, piece, solution, piece->last - piece->first, group, 1);
         }
     }

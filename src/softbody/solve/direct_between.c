@@ -279,7 +279,7 @@ static void sbi_between_pass(sbi_between *b, int index, int *depth, size_t *used
                            b->stack + base, height, x);
     }
     sbi_between_scatter(b, piece, height, x);
-    sbi_front_forward_many(d->factor + piece->panel, height, width, x, count, b->pack);
+    sbi_front_forward_many(d->factor + piece->panel, height, width, x, count, b->pack, d->wide);
     sbi_between_keep(b, piece, x);
     for (int k = 0; k < count; k++)
         memmove(b->stack + base + (size_t)k * left, x + ((size_t)k * height + width) * SBI_FRONT_GROUP,
@@ -300,7 +300,7 @@ static void sbi_between_return(sbi_between *b, int index)
         b->rows[r] = 3 * d->rows[piece->row_start + r / 3] + r % 3;
     sbi_front_backward_many(d->factor + piece->panel, 3 * (size_t)piece->row_count,
                             3 * (size_t)(piece->last - piece->first), b->rows, b->solution, 3 * (size_t)d->node_count,
-                            b->groups, b->pack);
+                            b->groups, b->pack, d->wide);
 }
 
 /* product[rights][3][GROUP] of one group's solution. */

@@ -37,6 +37,7 @@ struct sb_direct {
     sb_real *gathered; /* [largest_front][SBI_FRONT_GROUP] */
     size_t factor_count, stack_count;
     int ready; /* 1: there is a factor */
+    int wide;  /* of the fronts' arithmetic */
     sb_direct_info info;
 };
 
