@@ -13131,6 +13131,7 @@ struct reg_infer {
     sb_vec3 *skin;              /* [skin nodes] where they are (m) */
     sb_vec3 *forces;            /* [nodes] found (N) */
     sb_vec3 *increment, *trial; /* [nodes] */
+    sb_vec3 *before;            /* [nodes] where they were before the last round (m) */
     sb_vec3 *shape;             /* [nodes] displacements found (m) */
     sb_vec3 *errors;            /* [DRAWS][nodes] of draws (m), calibrated */
     sb_real *expected;          /* [nodes] m */
@@ -13192,6 +13193,8 @@ REGI_API void regi_infer_respond(reg_infer *infer);
 
 /* ---- infer_round ---- */
 REGI_API sb_result regi_infer_round(reg_infer *infer, int round, sb_error *error);
+/* Moves the organ to where exact landmarks are met, by what the last round is linear about. */
+REGI_API sb_result regi_infer_meet(reg_infer *infer);
 
 /* ---- infer_draws ---- */
 REGI_API sb_result regi_infer_tell(reg_infer *infer, sb_error *error);
@@ -14072,6 +14075,7 @@ REGI_API void regi_infer_respond(reg_infer *f)
 /* ==== src/register/infer_round.c ==== */
 /* infer_round: the loads and the pose that explain the gaps, and the move there. */
 
+#include <math.h>
 #include <string.h>
 
 /* Farthest that a round moves a node, as share of the size: the response is linear no farther. */
@@ -14114,14 +14118,21 @@ static void regi_infer_try(reg_infer *f, double share)
     }
 }
 
-/* Moves there, or as far as no element comes near to turning inside out. */
+/* Least det F that a move may leave. */
+static sb_real regi_infer_least_allowed(const reg_infer *f)
+{
+    sb_real now = regi_infer_least_volume(f, sb_body_displacements(f->model->body));
+    return sb_min((sb_real)0.02, (sb_real)0.5 * now);
+}
+
+/* Moves there, or as far as no element comes near to turning inside out. f->before: where the organ was. */
 static sb_result regi_infer_move(reg_infer *f, sb_error *error)
 {
     double share = 1;
     const sb_vec3 *u = sb_body_displacements(f->model->body);
-    sb_real least = regi_infer_least_volume(f, u), volume = 0;
+    sb_real least = regi_infer_least_allowed(f), volume = 0;
     int tries = 0;
-    least = sb_min((sb_real)0.02, (sb_real)0.5 * least);
+    memcpy(f->before, sb_body_positions(f->model->body), (size_t)f->node_count * sizeof *f->before);
     do {
         sb_real way = 0;
         regi_infer_try(f, share);
@@ -14142,7 +14153,7 @@ static sb_result regi_infer_move(reg_infer *f, sb_error *error)
     return sb_body_set_displacements(f->model->body, f->trial);
 }
 
-/* ---- a round ---- */
+/* ---- the posterior ---- */
 
 /* The posterior's mean: forces, and where they take the organ from its present shape. */
 static sb_result regi_infer_solve(reg_infer *f, int round, sb_error *error)
@@ -14160,6 +14171,64 @@ static sb_result regi_infer_solve(reg_infer *f, int round, sb_error *error)
     regi_response_solve(&f->response, f->increment, 1);
     return SB_OK;
 }
+
+/* ---- exact landmarks ---- */
+
+/* Gaps of what is to be met exactly where the organ is now; of other data none. Returns the largest (m). */
+static double regi_infer_find_misses(reg_infer *f)
+{
+    const regi_gauss *g = &f->gauss;
+    double most = 0;
+    memset(f->row, 0, (size_t)f->node_count * sizeof *f->row);
+    for (int i = 0; i < g->count; i++) {
+        double pose[REGI_INFER_POSE];
+        f->datum[i] = 0;
+        if (g->variance[i] > 0)
+            continue;
+        regi_infer_row(f, i, f->row, f->datum + i, pose);
+        most = fabs(f->datum[i]) > most ? fabs(f->datum[i]) : most;
+    }
+    return most;
+}
+
+/* Loads and a motion of the whole that close the gaps in `datum` and no other, about where the organ was before the
+ * last round: trial. */
+static void regi_infer_try_to_meet(reg_infer *f)
+{
+    const sb_vec3 *u = sb_body_displacements(f->model->body);
+    double pose[REGI_GAUSS_POSES];
+    sb_real d[REGI_INFER_POSE];
+    regi_gauss_apply_inverse(&f->gauss, f->datum);
+    regi_gauss_explain(&f->gauss, f->datum, f->draw, pose);
+    for (int k = 0; k < REGI_INFER_POSE; k++)
+        d[k] = (sb_real)(pose[k] * f->pose_sd[k]);
+    regi_infer_load(f, f->draw, f->increment);
+    regi_response_solve(&f->response, f->increment, 1);
+    for (int i = 0; i < f->node_count; i++) {
+        sb_vec3 arm = sb_v3_sub(f->before[i], f->response.centre);
+        sb_vec3 whole = sb_v3_add(sb_v3(d[0], d[1], d[2]), sb_v3_cross(sb_v3(d[3], d[4], d[5]), arm));
+        f->trial[i] = sb_v3_add(u[i], sb_v3_add(f->increment[i], whole));
+    }
+}
+
+/* The last round's finite turn and what it left of its way leave exact landmarks by a thousandth of the size: what is
+ * linear about it closes that, once for the gap and once more for the rounding of a large one. Where elements would
+ * turn inside out it stays. */
+REGI_API sb_result regi_infer_meet(reg_infer *f)
+{
+    enum { TIMES = 3 };
+    sb_result result = SB_OK;
+    sb_real least = regi_infer_least_allowed(f);
+    for (int k = 0; result == SB_OK && k < TIMES && regi_infer_find_misses(f) > 0; k++) {
+        regi_infer_try_to_meet(f);
+        if (!(regi_infer_least_volume(f, f->trial) >= least))
+            break;
+        result = sb_body_set_displacements(f->model->body, f->trial);
+    }
+    return result;
+}
+
+/* ---- a round ---- */
 
 REGI_API sb_result regi_infer_round(reg_infer *f, int round, sb_error *error)
 {
@@ -14919,6 +14988,7 @@ static void regi_infer_layout(reg_infer *f, sbi_arena *arena)
     f->forces = (sb_vec3 *)sbi_arena_take(arena, n, vec);
     f->increment = (sb_vec3 *)sbi_arena_take(arena, n, vec);
     f->trial = (sb_vec3 *)sbi_arena_take(arena, n, vec);
+    f->before = (sb_vec3 *)sbi_arena_take(arena, n, vec);
     f->shape = (sb_vec3 *)sbi_arena_take(arena, n, vec);
     f->errors = (sb_vec3 *)sbi_arena_take(arena, n, REG_INFER_DRAWS * vec);
     f->expected = (sb_real *)sbi_arena_take(arena, n, sizeof(sb_real));
@@ -15011,7 +15081,7 @@ static sb_result regi_infer_iterate(reg_infer *f, sb_error *error)
             break;
         }
     }
-    return result;
+    return result == SB_OK ? regi_infer_meet(f) : result;
 }
 
 static sb_result regi_infer_make(reg_infer *f, const sb_mesh *triangles, sb_error *error)

@@ -219,7 +219,7 @@ static void test_facets(void)
         sb_boundary boundary;
         regi_prior prior;
         sb_vec3 sum = sb_v3(0, 0, 0), weight = sb_v3(1, 2, 3), traction = sb_v3(3, -2, 5);
-        double corners = 0, size = sb_v3_norm(traction), tolerance = sizeof(sb_real) == 8 ? 1e-13 : 1e-5;
+        double corners = 0, size = (double)sb_v3_norm(traction), tolerance = sizeof(sb_real) == 8 ? 1e-13 : 1e-5;
         CHECK_OK(sb_mesh_boundary(&mesh, 1, NULL, &boundary, NULL));
         if (CHECK_OK(regi_prior_create(&mesh, &boundary, NULL, &prior, NULL))) {
             sb_vec3 *tractions = (sb_vec3 *)calloc((size_t)prior.control_count, sizeof *tractions);

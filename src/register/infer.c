@@ -161,6 +161,7 @@ static void regi_infer_layout(reg_infer *f, sbi_arena *arena)
     f->forces = (sb_vec3 *)sbi_arena_take(arena, n, vec);
     f->increment = (sb_vec3 *)sbi_arena_take(arena, n, vec);
     f->trial = (sb_vec3 *)sbi_arena_take(arena, n, vec);
+    f->before = (sb_vec3 *)sbi_arena_take(arena, n, vec);
     f->shape = (sb_vec3 *)sbi_arena_take(arena, n, vec);
     f->errors = (sb_vec3 *)sbi_arena_take(arena, n, REG_INFER_DRAWS * vec);
     f->expected = (sb_real *)sbi_arena_take(arena, n, sizeof(sb_real));
@@ -253,7 +254,7 @@ static sb_result regi_infer_iterate(reg_infer *f, sb_error *error)
             break;
         }
     }
-    return result;
+    return result == SB_OK ? regi_infer_meet(f) : result;
 }
 
 static sb_result regi_infer_make(reg_infer *f, const sb_mesh *triangles, sb_error *error)

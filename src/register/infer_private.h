@@ -71,6 +71,7 @@ struct reg_infer {
     sb_vec3 *skin;              /* [skin nodes] where they are (m) */
     sb_vec3 *forces;            /* [nodes] found (N) */
     sb_vec3 *increment, *trial; /* [nodes] */
+    sb_vec3 *before;            /* [nodes] where they were before the last round (m) */
     sb_vec3 *shape;             /* [nodes] displacements found (m) */
     sb_vec3 *errors;            /* [DRAWS][nodes] of draws (m), calibrated */
     sb_real *expected;          /* [nodes] m */
@@ -132,6 +133,8 @@ REGI_API void regi_infer_respond(reg_infer *infer);
 
 /* ---- infer_round ---- */
 REGI_API sb_result regi_infer_round(reg_infer *infer, int round, sb_error *error);
+/* Moves the organ to where exact landmarks are met, by what the last round is linear about. */
+REGI_API sb_result regi_infer_meet(reg_infer *infer);
 
 /* ---- infer_draws ---- */
 REGI_API sb_result regi_infer_tell(reg_infer *infer, sb_error *error);
