@@ -15,6 +15,9 @@
  * surface: where it is small and errors are not, the motion is one that the shape does not show. icp is the rigid start
  * of all others. The box plot has median, quartiles, and the 5th and 95th percentile of the errors of all nodes.
  *
+ * A view is of what a camera far away sees, from above in front unless --from says otherwise; of it --seen leaves a
+ * share of the whole surface, about the middle of the view, as through the hole of a laparoscope.
+ *
  * --study FILE does every pattern for --seeds seeds of chance, a row of the file for each, and --shard I/N a share of
  * them, to be run on many machines: see examples/study. What is in the file already is not done again; a method that
  * fails there is told in its row. Exit status: 0, 2 wrong usage or a file that cannot be read or written, 3 no memory,
@@ -33,6 +36,7 @@
 #include "options.h"
 #include "plot.h"
 #include "registration.h"
+#include "rows.h"
 #include "shard.h"
 
 enum { EXIT_USAGE = 2, EXIT_FAILED = 3, PATTERNS = 4, MARKERS = 10 };
@@ -41,9 +45,9 @@ enum { EXIT_USAGE = 2, EXIT_FAILED = 3, PATTERNS = 4, MARKERS = 10 };
 static const char *const pattern_names[PATTERNS] = {"respiration", "instrument", "pneumoperitoneum", "gravity"};
 
 typedef struct settings {
-    const char *patterns, *methods, *out, *study, *shard;
+    const char *patterns, *methods, *out, *study, *shard, *from;
     int partial, linear, plain, fix, coarse, fine, seed, seeds, help;
-    double scale, amplitude, noise, outliers, angle, shift, seconds;
+    double scale, amplitude, noise, outliers, angle, shift, seconds, seen;
 } settings;
 
 /* Errors of one method on one pattern: sorted, in mm. */
@@ -61,6 +65,7 @@ typedef struct score {
 typedef struct work {
     const settings *set;
     const char *path; /* of the organ, or NULL */
+    sb_vec3 view;     /* to the camera, unit */
     int seed;         /* of the present target */
     int pattern_on[PATTERNS], method_on[METHOD_COUNT];
     sb_mesh organ, model;    /* fine and coarse */
@@ -453,7 +458,15 @@ static int deform(work *w, int pattern)
 
 /* ---- what is seen of it ---------------------------------------------------------------------------------------- */
 
-/* Leaves the triangles that a camera far up in front sees. */
+static double facet_area(const sb_mesh *mesh, int triangle, sb_vec3 *middle)
+{
+    const int *c = mesh->elements + 3 * triangle;
+    sb_vec3 a = mesh->nodes[c[0]], b = mesh->nodes[c[1]], d = mesh->nodes[c[2]];
+    *middle = sb_v3_scale(REAL(1.0 / 3), sb_v3_add(a, sb_v3_add(b, d)));
+    return 0.5 * (double)sb_v3_norm(sb_v3_cross(sb_v3_sub(b, a), sb_v3_sub(d, a)));
+}
+
+/* Leaves the triangles that a camera far away sees. */
 static sb_result cut_visible(work *w, sb_vec3 view, sb_error *error)
 {
     sb_mesh *mesh = &w->target;
@@ -476,6 +489,78 @@ static sb_result cut_visible(work *w, sb_vec3 view, sb_error *error)
     mesh->element_count = kept;
     return kept ? sb_mesh_remove_unreferenced(mesh, NULL, error)
                 : task_fail(error, SB_ERROR_MESH, "nothing of the organ is visible");
+}
+
+typedef struct seen_facet {
+    double aside, area; /* of the middle from the axis of the view (m); m^2 */
+    int triangle;
+} seen_facet;
+
+static int compare_facets(const void *a, const void *b)
+{
+    const seen_facet *f = (const seen_facet *)a, *g = (const seen_facet *)b;
+    return f->aside != g->aside ? (f->aside < g->aside ? -1 : 1) : f->triangle - g->triangle;
+}
+
+/* Puts the triangles of a mesh about the middle of the view that make up `area` (m^2) first. Returns how many. Scratch:
+ * facets, triangles of all. */
+static int keep_middle(sb_mesh *mesh, sb_vec3 view, double area, seen_facet *facets, int *triangles)
+{
+    sb_vec3 centre = sb_v3(0, 0, 0), middle;
+    int count = mesh->element_count, kept = 0;
+    double all = 0;
+    for (int t = 0; t < count; t++) {
+        facets[t].triangle = t;
+        facets[t].area = facet_area(mesh, t, &middle);
+        centre = sb_v3_madd(centre, REAL(facets[t].area), middle);
+        all += facets[t].area;
+    }
+    centre = sb_v3_scale(REAL(1 / all), centre);
+    for (int t = 0; t < count; t++) {
+        sb_vec3 off;
+        facet_area(mesh, t, &middle);
+        off = sb_v3_sub(middle, centre);
+        facets[t].aside = (double)sb_v3_norm(sb_v3_madd(off, -sb_v3_dot(off, view), view));
+    }
+    qsort(facets, (size_t)count, sizeof *facets, compare_facets);
+    memcpy(triangles, mesh->elements, 3 * (size_t)count * sizeof *triangles);
+    for (double sum = 0; kept < count && sum < area; kept++) {
+        sum += facets[kept].area;
+        memcpy(mesh->elements + 3 * kept, triangles + 3 * facets[kept].triangle, 3 * sizeof *triangles);
+    }
+    return kept;
+}
+
+/* Of what is seen, leaves so much of the organ's surface (m^2) about the middle of the view. */
+static sb_result cut_share(work *w, sb_vec3 view, double area, sb_error *error)
+{
+    sb_mesh *mesh = &w->target;
+    size_t count = (size_t)mesh->element_count;
+    seen_facet *facets = (seen_facet *)malloc(count * sizeof *facets);
+    int *triangles = (int *)malloc(3 * count * sizeof *triangles);
+    sb_result result = SB_OK;
+    if (facets && triangles)
+        mesh->element_count = keep_middle(mesh, view, area, facets, triangles);
+    else
+        result = task_fail(error, SB_ERROR_MEMORY, "not enough memory");
+    free(facets);
+    free(triangles);
+    return result == SB_OK ? sb_mesh_remove_unreferenced(mesh, NULL, error) : result;
+}
+
+/* What the camera sees of the target. */
+static sb_result cut_view(work *w, sb_error *error)
+{
+    const sb_mesh *mesh = &w->target;
+    sb_vec3 middle;
+    double area = 0;
+    sb_result result;
+    for (int t = 0; t < mesh->element_count; t++)
+        area += facet_area(mesh, t, &middle);
+    result = cut_visible(w, w->view, error);
+    if (result == SB_OK && w->set->seen > 0)
+        result = cut_share(w, w->view, 0.01 * w->set->seen * area, error);
+    return result;
 }
 
 /* Another pose, for the target and the truth. */
@@ -520,14 +605,13 @@ static sb_result spoil(work *w, sb_error *error)
 
 static int observe(work *w)
 {
-    sb_vec3 view = sb_v3(REAL(-0.25), REAL(-0.66), REAL(0.71));
     sb_error error;
     sb_result result = sb_mesh_copy(&w->skin, NULL, &w->target, &error);
     if (result == SB_OK)
         for (int i = 0; i < w->target.node_count; i++)
             w->target.nodes[i] = w->truth[w->boundary.nodes[i]];
     if (result == SB_OK && w->set->partial)
-        result = cut_visible(w, view, &error);
+        result = cut_view(w, &error);
     if (result != SB_OK)
         return complain_error("the target", &error);
     move_all(w);
@@ -801,6 +885,10 @@ static void write_heading(const work *w, int cases, char *text)
            set->scale, set->amplitude, set->noise, set->outliers, set->angle, set->shift, set->seconds,
            set->partial ? " partial" : "", set->linear ? " linear" : "", set->plain ? " plain" : "",
            set->fix ? " fix" : "");
+    if (set->from || set->seen > 0) { /* before the end of the line */
+        text[strlen(text) - 1] = 0;
+        append(text, " from=%s seen=%g\n", set->from ? set->from : "above", set->seen);
+    }
     append(text, "case,seed,pattern,moved_mean_mm,moved_most_mm");
     for (int m = 0; m < METHOD_COUNT; m++)
         if (w->method_on[m])
@@ -932,11 +1020,52 @@ static int run(work *w)
     return status ? status : failed ? EXIT_FAILED : 0;
 }
 
+/* The camera's direction; a view of a part is partial. */
+static int choose_view(settings *set, work *w)
+{
+    row item;
+    w->view = sb_v3(REAL(-0.25), REAL(-0.66), REAL(0.71));
+    if (set->from) {
+        if (rows_parse(set->from, &item) != 1 || item.count != 3) {
+            complain("--from", "is not X,Y,Z");
+            return 0;
+        }
+        w->view = sb_v3(REAL(item.values[0]), REAL(item.values[1]), REAL(item.values[2]));
+    }
+    if (!(sb_v3_norm(w->view) > 0)) {
+        complain("--from", "0,0,0 is no direction");
+        return 0;
+    }
+    w->view = sb_v3_scale(1 / sb_v3_norm(w->view), w->view);
+    set->partial = set->partial || set->from || set->seen > 0;
+    return 1;
+}
+
 static int program(int argc, char **argv)
 {
-    settings set = {
-        "all", "pbsm,nicp,icp,cpd", "insilico.svg", NULL, "1/1", 0, 0, 0, 0, 12, 32, 1, 10, 0, 1, 0.08, 0, 0, 10, 20,
-        0};
+    settings set = {"all",
+                    "pbsm,nicp,icp,cpd",
+                    "insilico.svg",
+                    NULL,
+                    "1/1",
+                    NULL,
+                    0,
+                    0,
+                    0,
+                    0,
+                    12,
+                    32,
+                    1,
+                    10,
+                    0,
+                    1,
+                    0.08,
+                    0,
+                    0,
+                    10,
+                    20,
+                    0,
+                    0};
     const char *file = NULL;
     const option options[] = {
         {"--patterns", "LIST", OPTION_TEXT, NULL, NULL, &set.patterns, 0, 0,
@@ -944,6 +1073,10 @@ static int program(int argc, char **argv)
         {"--methods", "LIST", OPTION_TEXT, NULL, NULL, &set.methods, 0, 0,
          "pbsm, pbsm-laplace, nicp, icp, cpd, infer, or all"},
         {"--partial", NULL, OPTION_FLAG, &set.partial, NULL, NULL, 0, 0, "only what a camera above sees"},
+        {"--from", "X,Y,Z", OPTION_TEXT, NULL, NULL, &set.from, 0, 0,
+         "direction from the organ to the camera, of which only what it sees is there"},
+        {"--seen", "P", OPTION_NUMBER, NULL, &set.seen, NULL, 0.01, 100,
+         "per cent of the surface, of what a camera sees about the middle of its view"},
         {"--linear", NULL, OPTION_FLAG, &set.linear, NULL, NULL, 0, 0, "linear instead of corotated models"},
         {"--plain", NULL, OPTION_FLAG, &set.plain, NULL, NULL, 0, 0,
          "pbsm only: without the loads that say more of motion along the surface"},
@@ -983,6 +1116,8 @@ static int program(int argc, char **argv)
     }
     if (choose("--patterns", set.patterns, pattern_names, PATTERNS, w.pattern_on) ||
         choose("--methods", set.methods, method_names, METHOD_COUNT, w.method_on))
+        return EXIT_USAGE;
+    if (!choose_view(&set, &w))
         return EXIT_USAGE;
     if (file && is_same_file(set.study ? set.study : set.out, file))
         return complain(set.study ? set.study : set.out, "is the input file");

@@ -941,6 +941,10 @@ long expect 0 'study_box.svg written' insilico --coarse 6 --fine 9 --patterns in
 long check "a row for each method and pattern" [ "$(grep -c '^  \(pbsm\|pbsm-laplace\|nicp\|icp\|cpd\|infer\) ' output.txt)" = 12 ]
 long check "boxes of six methods" eval '[ "$(grep -c "<path fill=\"none\"" study_box.svg)" = 6 ]'
 expect 0 'the visible part' insilico --coarse 6 --fine 9 --patterns gravity --methods nicp --partial --noise 0.5 --fix
+expect 0 'the visible part' insilico --coarse 6 --fine 9 --patterns gravity --methods infer --from 0,-1,0.5 --seen 30 --noise 1
+expect 2 '0,0,0 is no direction' insilico --from 0,0,0
+expect 2 'is not X,Y,Z' insilico --from up
+expect 2 'needs a number from 0.01 to 100' insilico --seen 0
 expect 0 'svg written' insilico --coarse 6 --fine 9 --patterns respiration --methods icp --outliers 10 -o out.svg
 expect_data 0 'respiration: deformed by' insilico surfaces/liver_a.obj --coarse 6 --fine 9 --patterns respiration \
     --methods icp
