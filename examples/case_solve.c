@@ -35,7 +35,7 @@ static const char help[] =
     "  select    nodes|elements|faces NAME near=FILE distance=D     a surface; elements by their middle\n"
     "                                        then nodes=@NAME, faces=@NAME (outer ones), material ... elements=@NAME\n"
     "  element   tet10sr                     one rotation per element (corotated)\n"
-    "            tet10bbar|hex8bbar|hex20bbar|hex27bbar\n"
+    "            tet10bbar|hex8bbar|hex20bbar|hex27bbar|tet4patch\n"
     "                                        for nearly incompressible material; default: as in the file\n"
     "  material  MODEL E=.. nu=.. density=.. [region=ID]\n"
     "                                        linear corotated corotated_invertible svk neo_hookean\n"

@@ -1,4 +1,4 @@
-/* B-bar elements: patches, rank, locking, frames, derivatives, stresses, violence. */
+/* B-bar elements, and tet4 with patches: patch tests, rank, locking, frames, derivatives, stresses, violence. */
 #include "softbody.h"
 
 #include "check.h"
@@ -7,7 +7,7 @@
 static const double pi = 3.14159265358979323846;
 
 enum { MODELS = 9, CORNERS = 8, DOFS = 24 };
-static const sb_element_type types[] = {SB_HEX8, SB_TET10, SB_HEX20, SB_HEX27};
+static const sb_element_type types[] = {SB_HEX8, SB_TET10, SB_HEX20, SB_HEX27, SB_TET4};
 enum { TYPES = (int)(sizeof types / sizeof types[0]) };
 
 static sb_material model_of(int model, double poisson)
@@ -27,12 +27,18 @@ static sb_material model_of(int model, double poisson)
     }
 }
 
+/* Tet4 have patches in place of mean points. */
+static sb_integration integration_of(sb_element_type type)
+{
+    return type == SB_TET4 ? SB_INTEGRATION_PATCH : SB_INTEGRATION_BBAR;
+}
+
 static sb_body *bbar_body(const sb_mesh *mesh, sb_material material, int bbar)
 {
     sb_body_def def = sb_default_body_def();
     def.mesh = mesh;
     def.material = material;
-    def.integration = bbar ? SB_INTEGRATION_BBAR : SB_INTEGRATION_AUTO;
+    def.integration = bbar ? integration_of(mesh->element_type) : SB_INTEGRATION_AUTO;
     return scene_body(&def);
 }
 
@@ -64,7 +70,7 @@ static sb_vec3 affine(sb_vec3 x)
 
 static void patch(sb_element_type type, int model, double shake)
 {
-    int cells = type == SB_HEX8 ? 3 : 2;
+    int cells = type == SB_HEX8 || type == SB_TET4 ? 3 : 2;
     sb_mesh mesh = scene_box(type, cells, cells, cells, sb_v3(1, 1, 1), shake);
     sb_static_options options = sb_default_static_options();
     sb_vec3 *expected = (sb_vec3 *)malloc((size_t)mesh.node_count * sizeof(sb_vec3));
@@ -396,7 +402,7 @@ static void test_force_is_the_energys_derivative(void)
 /* A wrong or unsymmetric tangent would cost iterations: they are counted, from rest and for a little more load. */
 static void newton(sb_element_type type)
 {
-    int cells = type == SB_HEX8 || type == SB_TET10 ? 2 : 1;
+    int cells = type == SB_HEX8 || type == SB_TET10 || type == SB_TET4 ? 2 : 1;
     sb_mesh mesh = scene_box(type, 4 * cells, cells, cells, sb_v3(REAL(0.1), REAL(0.02), REAL(0.02)), 0.1);
     for (int m = 1; m < MODELS; m++) {
         sb_static_options options = sb_default_static_options();
@@ -483,7 +489,7 @@ static void test_twist_keeps_volume(void)
 /* Thrown about, squeezed flat, dragged: it stays finite, fails no step and comes back to its shape. */
 static void beat(sb_element_type type, int model, unsigned long long seed)
 {
-    int cells = type == SB_HEX8 ? 2 : 1;
+    int cells = type == SB_HEX8 || type == SB_TET4 ? 2 : 1;
     sb_mesh mesh = scene_box(type, 3, cells, cells, sb_v3(REAL(0.15), REAL(0.1), REAL(0.1)), 0.1);
     sb_body_def def = sb_default_body_def();
     int n = mesh.node_count, failures = 0, tool = n / 2;
@@ -491,7 +497,7 @@ static void beat(sb_element_type type, int model, unsigned long long seed)
     sb_body *body;
     def.mesh = &mesh;
     def.material = model_of(model, 0.45);
-    def.integration = SB_INTEGRATION_BBAR;
+    def.integration = integration_of(type);
     def.gravity = sb_v3(0, 0, REAL(-9.81));
     def.damping_stiffness = REAL(0.01);
     def.tolerance = REAL(1e-2);

@@ -150,6 +150,7 @@ public enum sb_integration
     SB_INTEGRATION_STANDARD = 1,
     SB_INTEGRATION_CURVED = 2,
     SB_INTEGRATION_BBAR = 3,
+    SB_INTEGRATION_PATCH = 4,
 }
 public enum sb_mass_kind
 {
@@ -997,6 +998,8 @@ public unsafe struct sb_domain
     public double* gradients;
     public double* weights;
     public double* cell_mass;
+    public int patch_count;
+    public int* cell_patch;
     public int cell_capacity;
     public sb_allocator allocator;
 }
@@ -3819,9 +3822,9 @@ public static unsafe class Native
     /// Makes the domain of a volume mesh's elements. single_rotation: 1 for tet10 with one rotation per element.
     /// Fails with SB_ERROR_MESH naming the element when a Jacobian at an integration point is not positive,
     /// SB_ERROR_NOT_FINITE or SB_ERROR_INDEX naming the node, SB_ERROR_ARGUMENT for a surface mesh, single_rotation or
-    /// SB_INTEGRATION_BBAR on another element, or both together, SB_ERROR_UNSUPPORTED for an element that SB_ELEMENT left
-    /// out, SB_ERROR_MEMORY; *domain is then untouched. Release with sb_domain_free. Source: formula of the isoparametric
-    /// map, g_a = Je^-T dN_a/dxi.
+    /// SB_INTEGRATION_BBAR on another element, or both together, SB_INTEGRATION_PATCH on another than tet4,
+    /// SB_ERROR_UNSUPPORTED for an element that SB_ELEMENT left out, SB_ERROR_MEMORY; *domain is then untouched. Release
+    /// with sb_domain_free. Source: formula of the isoparametric map, g_a = Je^-T dN_a/dxi.
     /// </summary>
     [DllImport(Library, CallingConvention = CallingConvention.Cdecl)]
     public static extern sb_result sb_domain_create(sb_mesh* mesh, sb_integration integration, int single_rotation, sb_allocator* allocator, sb_domain* domain, sb_error* error);
@@ -4104,6 +4107,16 @@ public static unsafe class Native
     /// </summary>
     [DllImport(Library, CallingConvention = CallingConvention.Cdecl)]
     public static extern int sb_body_matrix_blocks(sb_body* body);
+    /// <summary>
+    /// stored 3x3 blocks of the tangent
+    /// </summary>
+    [DllImport(Library, CallingConvention = CallingConvention.Cdecl)]
+    public static extern int sb_body_patch_count(sb_body* body);
+    /// <summary>
+    /// The patch of an element, from 0; -1 without patches, for an element that there is not, or NULL.
+    /// </summary>
+    [DllImport(Library, CallingConvention = CallingConvention.Cdecl)]
+    public static extern int sb_body_patch(sb_body* body, int element);
     /// <summary>
     /// What solves its linear systems, and how the last set-up went. The kind is never SB_PRECOND_AUTO;
     /// sb_precond_string names it.

@@ -209,6 +209,8 @@
 #define sb_body_element_count sb_body_element_count_f32
 #define sb_body_point_count sb_body_point_count_f32
 #define sb_body_matrix_blocks sb_body_matrix_blocks_f32
+#define sb_body_patch_count sb_body_patch_count_f32
+#define sb_body_patch sb_body_patch_f32
 #define sb_body_solver sb_body_solver_f32
 #define sb_body_slenderness sb_body_slenderness_f32
 #define sb_body_set_material sb_body_set_material_f32

@@ -122,6 +122,7 @@ SB_INTEGRATION_AUTO = 0
 SB_INTEGRATION_STANDARD = 1
 SB_INTEGRATION_CURVED = 2
 SB_INTEGRATION_BBAR = 3
+SB_INTEGRATION_PATCH = 4
 SB_MASS_LUMPED = 0
 SB_MASS_CONSISTENT = 1
 SB_MASS_REDUCED = 2
@@ -972,6 +973,8 @@ sb_domain._fields_ = [
     ("gradients", POINTER(c_double)),
     ("weights", POINTER(c_double)),
     ("cell_mass", POINTER(c_double)),
+    ("patch_count", c_int),
+    ("cell_patch", POINTER(c_int)),
     ("cell_capacity", c_int),
     ("allocator", sb_allocator),
 ]
@@ -2653,6 +2656,8 @@ FUNCTIONS = {  # name: (what it returns, parameters)
     "sb_body_element_count": (c_int, (POINTER(sb_body), )),
     "sb_body_point_count": (c_int, (POINTER(sb_body), )),
     "sb_body_matrix_blocks": (c_int, (POINTER(sb_body), )),
+    "sb_body_patch_count": (c_int, (POINTER(sb_body), )),
+    "sb_body_patch": (c_int, (POINTER(sb_body), c_int, )),
     "sb_body_solver": (sb_preconditioner_info, (POINTER(sb_body), )),
     "sb_body_slenderness": (c_double, (POINTER(sb_body), )),
     "sb_body_set_material": (c_int, (POINTER(sb_body), POINTER(sb_material), POINTER(sb_error), )),
@@ -3229,7 +3234,7 @@ DOCUMENTATION = {
     'sb_direct_create': 'Orders and analyses the pattern (values are not read) and takes all memory that is ever needed. allocator NULL:\nmalloc. def NULL: the default. *direct is released with sb_direct_free and refers to neither def nor pattern.\nReturns SB_ERROR_ARGUMENT, SB_ERROR_NOT_FINITE (a position, error->node) or SB_ERROR_MEMORY; *direct is then\nuntouched.',
     'sb_direct_update': 'Factors a symmetric matrix of the pattern; allocates nothing. Returns SB_ERROR_ARGUMENT (another pattern),\nSB_ERROR_NOT_FINITE (error->node) or SB_ERROR_INDEFINITE when a pivot is negative (Cholesky) or lost in rounding\n(error->node tells its node). After an error it must be updated again before it can solve.',
     'sb_direct_solve': "Solves A x = rhs for `count` right-hand sides; rhs and x are [count][row_count][3] and may be the same array. Several\nat once cost much less than one after the other, and each gives the bits that it gives alone. Uses the solver's\nscratch: one call at a time. Returns SB_ERROR_ARGUMENT (also when the last update failed): x is then untouched.",
-    'sb_domain_create': "Makes the domain of a volume mesh's elements. single_rotation: 1 for tet10 with one rotation per element.\nFails with SB_ERROR_MESH naming the element when a Jacobian at an integration point is not positive,\nSB_ERROR_NOT_FINITE or SB_ERROR_INDEX naming the node, SB_ERROR_ARGUMENT for a surface mesh, single_rotation or\nSB_INTEGRATION_BBAR on another element, or both together, SB_ERROR_UNSUPPORTED for an element that SB_ELEMENT left\nout, SB_ERROR_MEMORY; *domain is then untouched. Release with sb_domain_free. Source: formula of the isoparametric\nmap, g_a = Je^-T dN_a/dxi.",
+    'sb_domain_create': "Makes the domain of a volume mesh's elements. single_rotation: 1 for tet10 with one rotation per element.\nFails with SB_ERROR_MESH naming the element when a Jacobian at an integration point is not positive,\nSB_ERROR_NOT_FINITE or SB_ERROR_INDEX naming the node, SB_ERROR_ARGUMENT for a surface mesh, single_rotation or\nSB_INTEGRATION_BBAR on another element, or both together, SB_INTEGRATION_PATCH on another than tet4,\nSB_ERROR_UNSUPPORTED for an element that SB_ELEMENT left out, SB_ERROR_MEMORY; *domain is then untouched. Release\nwith sb_domain_free. Source: formula of the isoparametric map, g_a = Je^-T dN_a/dxi.",
     'sb_domain_free': 'Releases the arrays and leaves zeros; {0} and NULL are fine.',
     'sb_solver_auto': "What SB_PRECOND_AUTO becomes for matrices of this pattern when positions are given: SB_PRECOND_IC0 with its coarse\nspace up to 140,000 blocks, which are some 10,000 nodes of tet4 and 5,500 of tet10 or hex8, and\nSB_PRECOND_MULTIGRID above, where it takes less time on one core already (tests/bench/RESULTS.md has the figures).\nLong steps, nu 0.49 and jumps of the modulus by 1,000 (that the def's moduli tell) take up to twice its iterations.\nFrom rest such jumps cost IC0 three times its own, many small stiff inclusions ten times: of tet10 multigrid then\ntakes half the time from some 90,000 blocks on, so name it for bodies that are solved so. Steps of moving ones\nbegin near the answer; of 107,000 to 253,000 blocks they take with IC0 0.4 to 1.6 times the time on two cores. The\nchoice does not depend on the number of threads, so results do not. Without positions it is SB_PRECOND_IC0. NULL:\nSB_PRECOND_IC0.",
     'sb_precond_string': 'Name of a kind, as "multigrid"; never NULL.',
@@ -3258,6 +3263,8 @@ DOCUMENTATION = {
     'sb_body_create': "Creates a body at rest in the mesh's shape. All memory that stepping needs is taken here. On failure *body is\nuntouched and the error says what is wrong: SB_ERROR_ARGUMENT and SB_ERROR_NOT_FINITE (field or node named),\nSB_ERROR_MESH (element named), SB_ERROR_INDEX (node index, or a region that the mesh does not have),\nSB_ERROR_MATERIAL (the material, or the element whose material has fibres but that no direction was given for),\nSB_ERROR_UNSUPPORTED (element left out by SB_ELEMENT), SB_ERROR_MEMORY. Destroy with sb_body_destroy.",
     'sb_body_node_count': '---- sizes ----',
     'sb_body_matrix_blocks': 'points per element that sb_body_stress reads; hex8 8, B-bar too',
+    'sb_body_patch_count': 'stored 3x3 blocks of the tangent',
+    'sb_body_patch': 'The patch of an element, from 0; -1 without patches, for an element that there is not, or NULL.',
     'sb_body_solver': 'What solves its linear systems, and how the last set-up went. The kind is never SB_PRECOND_AUTO;\nsb_precond_string names it.',
     'sb_body_slenderness': "Diagonal of the body's bounding box over 3 V/A at rest, V its volume and A its surface: 3.5 of a cube, 5.2 of a ball,\nL/h of some 25 from 30 on: thin. Costs a pass over the integration points, and uses the body's scratch: between steps\nonly. NULL: 0.",
     'sb_body_set_material': '---- properties: may change between steps ----\nEach checks its arguments first and changes nothing on failure. A material may allocate when it is the first whose\nsteps take several iterations, or that has so many Prony terms (SB_ERROR_MEMORY). An element whose material is set\nforgets what its Prony terms remember: it counts as long relaxed in its present shape.',

@@ -1,6 +1,7 @@
 /* body: made and taken away; settings, and who hears of changes. */
 #include "body.h"
 #include "body_private.h"
+#include "../fem/assembly_patch.h"
 #include "live_private.h"
 #include "state_part.h"
 
@@ -54,7 +55,7 @@ SBI_API sb_result sbi_body_check_settings(const sb_body_def *def, sb_error *erro
                         (double)def->spectral_radius);
     if (def->max_substeps < 1)
         return sbi_fail(error, SB_ERROR_ARGUMENT, "def.max_substeps %d must be >= 1", def->max_substeps);
-    if (def->integration < SB_INTEGRATION_AUTO || def->integration > SB_INTEGRATION_BBAR)
+    if (def->integration < SB_INTEGRATION_AUTO || def->integration > SB_INTEGRATION_PATCH)
         return sbi_fail(error, SB_ERROR_ARGUMENT, "def.integration %d is unknown", (int)def->integration);
     if (def->mass != SB_MASS_LUMPED && def->mass != SB_MASS_CONSISTENT && def->mass != SB_MASS_REDUCED)
         return sbi_fail(error, SB_ERROR_ARGUMENT, "def.mass %d is unknown", (int)def->mass);
@@ -94,14 +95,14 @@ static sb_result sbi_body_check_def(const sb_body_def *def, sb_error *error)
 /* Parts of the mesh, elements of each node, and the matrix pattern. */
 static sb_result sbi_body_make_topology(sb_body *body, const sb_mesh *mesh, sb_error *error)
 {
-    const sb_domain *domain = &body->domain;
     sb_result result =
         sb_mesh_components(mesh, &body->allocator, &body->element_component, &body->component_count, error);
     if (result == SB_OK)
         result = sb_mesh_node_elements(mesh, &body->allocator, &body->node_elements, error);
     if (result == SB_OK)
-        result = sb_matrix_create(domain->node_count, domain->cell_count, domain->nodes_per_cell, NULL, domain->cells,
-                                  &body->allocator, &body->matrix, error);
+        result = sbi_patches_create(&body->domain, &body->allocator, &body->assembly.patches, error);
+    if (result == SB_OK)
+        result = sbi_body_make_matrix(body, 0, NULL, NULL, &body->matrix, error);
     return result;
 }
 

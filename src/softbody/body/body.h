@@ -48,7 +48,8 @@ typedef struct sb_body_def {
                                    * SB_ERROR_UNSUPPORTED with slack */
     sb_integration integration;   /* integration points per element; default SB_INTEGRATION_AUTO.
                                    * SB_INTEGRATION_BBAR: tet10, hex8, hex20 and hex27 that do not lock when nearly
-                                   * incompressible; otherwise all do in some measure, see sb_check_report */
+                                   * incompressible; SB_INTEGRATION_PATCH: tet4 that do not (not with slack); otherwise
+                                   * all do in some measure, see sb_check_report */
     int single_rotation;          /* 1: tet10 with one rotation per element, of its mean (corotated only); default
                                    * 0. Cheaper; forces are still the slope of an energy, so that they conserve
                                    * momentum. Within an element strain is linear, so that it should turn by less
@@ -118,6 +119,9 @@ SB_API int sb_body_element_count(const sb_body *body);
 SB_API int
 sb_body_point_count(const sb_body *body); /* points per element that sb_body_stress reads; hex8 8, B-bar too */
 SB_API int sb_body_matrix_blocks(const sb_body *body); /* stored 3x3 blocks of the tangent */
+SB_API int sb_body_patch_count(const sb_body *body);   /* of SB_INTEGRATION_PATCH, otherwise 0 */
+/* The patch of an element, from 0; -1 without patches, for an element that there is not, or NULL. */
+SB_API int sb_body_patch(const sb_body *body, int element);
 
 /* What solves its linear systems, and how the last set-up went. The kind is never SB_PRECOND_AUTO;
  * sb_precond_string names it. */

@@ -59,7 +59,7 @@ static void sbi_body_check_mesh(const sb_body *body, sb_check_report *report)
 static sb_real sbi_body_locking_limit(const sb_domain *domain)
 {
     sbi_element element = sbi_domain_element(domain);
-    if (domain->mean_points)
+    if (domain->mean_points || domain->cell_patch)
         return (sb_real)0.5;
     switch (domain->element_type) {
     case SB_TET4: return (sb_real)0.35;

@@ -1,6 +1,7 @@
 /* body_pattern: the matrix with couplings beyond the elements, and its preconditioner. */
 #include "body.h"
 #include "body_private.h"
+#include "../fem/assembly_patch.h"
 #include "live_private.h"
 #include "rigid_private.h"
 
@@ -69,13 +70,22 @@ static int sbi_body_tie_rows(const sb_body *body)
     return body->live && !body->live->follows ? body->live->glue.count : 0;
 }
 
-/* The matrix of elements, ties and extra rows together. */
+/* Patches of elements are rows of it, too. */
+static int sbi_body_patch_rows(const sb_body *body)
+{
+    return body->assembly.patches ? body->assembly.patches->count : 0;
+}
+
+/* The matrix of elements, ties, patches and extra rows together. */
 static sb_result sbi_body_make_extended_matrix(const sb_body *body, int extra_count, const int *extra_start,
                                                const int *extra_nodes, sb_matrix *matrix, sb_error *error)
 {
     const sb_domain *domain = &body->domain;
-    int ties = sbi_body_tie_rows(body), first = domain->cell_count + ties;
-    size_t n = (size_t)domain->nodes_per_cell, own = (size_t)first * n + (size_t)ties * n, bytes = 0;
+    const sbi_patches *patches = body->assembly.patches;
+    int ties = sbi_body_tie_rows(body), patch_rows = sbi_body_patch_rows(body);
+    int first = domain->cell_count + ties + patch_rows;
+    size_t n = (size_t)domain->nodes_per_cell, tied = (size_t)(domain->cell_count + 2 * ties) * n, bytes = 0;
+    size_t own = tied + (patch_rows ? (size_t)patches->node_start[patch_rows] : 0);
     size_t extra = extra_count ? (size_t)extra_start[extra_count] : 0, cells = (size_t)first + (size_t)extra_count;
     int *start = NULL, *nodes;
     sb_result result;
@@ -94,6 +104,10 @@ static sb_result sbi_body_make_extended_matrix(const sb_body *body, int extra_co
         memcpy(nodes + at, body->live->glue.ties[k].nodes[0], n * sizeof(int));
         memcpy(nodes + (size_t)at + n, body->live->glue.ties[k].nodes[1], n * sizeof(int));
     }
+    for (int k = 0; k < patch_rows; k++)
+        start[domain->cell_count + ties + k] = (int)tied + patches->node_start[k];
+    if (patch_rows)
+        memcpy(nodes + tied, patches->nodes, (own - tied) * sizeof(int));
     for (int c = 0; c < extra_count; c++)
         start[first + c] = (int)own + extra_start[c];
     start[cells] = (int)(own + extra);
@@ -108,7 +122,7 @@ SBI_API sb_result sbi_body_make_matrix(const sb_body *body, int extra_count, con
                                        const int *extra_nodes, sb_matrix *matrix, sb_error *error)
 {
     const sb_domain *domain = &body->domain;
-    sb_result result = extra_count || sbi_body_tie_rows(body)
+    sb_result result = extra_count || sbi_body_tie_rows(body) || sbi_body_patch_rows(body)
                            ? sbi_body_make_extended_matrix(body, extra_count, extra_start, extra_nodes, matrix, error)
                            : sb_matrix_create(domain->node_count, domain->cell_count, domain->nodes_per_cell, NULL,
                                               domain->cells, &body->allocator, matrix, error);

@@ -26,6 +26,12 @@ SB_API sb_preconditioner_info sb_body_solver(const sb_body *body)
     return sb_preconditioner_get_info(body->elimination ? body->elimination->precond : body->precond);
 }
 SB_API int sb_body_matrix_blocks(const sb_body *body) { return body ? sbi_matrix_used_blocks(&body->matrix) : 0; }
+SB_API int sb_body_patch_count(const sb_body *body) { return body ? body->domain.patch_count : 0; }
+SB_API int sb_body_patch(const sb_body *body, int element)
+{
+    return body && body->domain.cell_patch && sb_body_cell_in_use(body, element) ? body->domain.cell_patch[element]
+                                                                                 : -1;
+}
 
 SBI_API double sbi_body_now(const sb_body *body) { return body->clock ? body->clock() : 0.0; }
 

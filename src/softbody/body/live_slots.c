@@ -127,6 +127,9 @@ SBI_API sb_result sbi_live_create(sb_body *body, const sb_body_def *def, sb_erro
         return sbi_fail(error, SB_ERROR_UNSUPPORTED,
                         "def.slack does not go with def.domain: where points of new cells "
                         "would be is unknown");
+    if (body->domain.cell_patch)
+        return sbi_fail(error, SB_ERROR_UNSUPPORTED,
+                        "def.slack does not go with SB_INTEGRATION_PATCH: patches keep their elements");
     if (def->level_count > 0)
         return sbi_fail(error, SB_ERROR_UNSUPPORTED,
                         "def.slack does not go with def.levels: they fit the mesh of creation only");

@@ -355,6 +355,8 @@ static uint64_t sbi_state_mesh_hash(const sb_body *body)
                n = (size_t)domain->nodes_per_cell;
         hash = sbi_state_reals_hash(hash, domain->weights, points);
         hash = sbi_state_reals_hash(hash, domain->gradients, points * n * 3);
+        for (int e = 0; domain->cell_patch && e < domain->cell_count; e++)
+            hash = sbi_hash_word(hash, (uint64_t)(uint32_t)domain->cell_patch[e]);
         hash = sbi_state_reals_hash(hash, domain->cell_mass,
                                     domain->cell_mass ? (size_t)domain->cell_count * (n * (n + 1) / 2) : 0);
     }
@@ -387,7 +389,8 @@ static void sbi_state_make(sb_body *body, sbi_state_walk *walk)
     sbi_state_same(walk, (uint64_t)body->domain.element_type, "the element type");
     sbi_state_same(walk, (uint64_t)body->domain.points_per_cell, "the number of integration points");
     sbi_state_same(walk, used ? sbi_state_table_hash(body->domain.table) : 0, "the hash of the custom element");
-    sbi_state_same(walk, (uint64_t)body->domain.mean_points, "the number of mean points");
+    sbi_state_same(walk, (uint64_t)body->domain.mean_points | (uint64_t)body->domain.patch_count << 8,
+                   "the number of mean points, and of patches times 256");
     sbi_state_same(walk, (uint64_t)body->domain.single_rotation, "single_rotation");
     sbi_state_same(walk, (uint64_t)body->material_count, "the number of regions");
     sbi_state_same(walk, (uint64_t)body->mass_kind, "the kind of mass");

@@ -2,6 +2,7 @@
 #include "assembly_batch.h"
 #include "assembly_cell.h"
 #include "assembly_live.h"
+#include "assembly_patch.h"
 #include "material_models.h"
 
 #include <string.h>
@@ -55,6 +56,8 @@ SBI_API int sbi_assembly_has_pairs(const sbi_assembly *assembly)
 
 SBI_API void sbi_assembly_remap(sbi_assembly *assembly, const sb_matrix *matrix, int *pair_start)
 {
+    if (assembly->patches)
+        sbi_patches_map(assembly->patches, matrix);
     if (assembly->live) {
         sbi_assembly_map_rows(assembly, matrix);
         return;
@@ -74,6 +77,8 @@ SBI_API void sbi_assembly_prepare(sbi_assembly *assembly, const sb_matrix *matri
         if (sbi_batch_fits(assembly->domain))
             sbi_batch_list_pairs(assembly, matrix);
     }
+    if (assembly->patches)
+        sbi_patches_map(assembly->patches, matrix);
     if (sbi_batch_fits(assembly->domain))
         sbi_batch_fill(assembly);
     sbi_assembly_reset_rotations(assembly);
@@ -94,6 +99,7 @@ SBI_API void sbi_assembly_free(sbi_assembly *assembly, const sb_allocator *alloc
 {
     sbi_free(allocator, assembly->history);
     sbi_free(allocator, assembly->prestress);
+    sbi_patches_free(assembly->patches, allocator);
     sbi_assembly_free_live(assembly);
 }
 
@@ -325,6 +331,8 @@ SBI_FORCE_INLINE int sbi_cell_stresses(const sbi_assembly *assembly, int e, cons
             stress[p] = sbi_cell_rotated_stress(material, f[p], sb_quat_to_mat3(rotation[p]), &energy);
         else
             good = sb_material_stress(material, &f[p], &rotation[p], &stress[p]);
+        if (assembly->patches && good)
+            sbi_patch_take_stress(shares + 1, &f[p], &stress[p]);
         admissible &= good;
         if (flags)
             flags[p] = good;
@@ -418,6 +426,8 @@ SBI_FORCE_INLINE int sbi_cell_energy(const sbi_assembly *assembly, int e, const 
             sbi_cell_rotated_stress(material, f[p], sb_quat_to_mat3(rotation[p]), &density);
         else if (!sb_material_energy(material, &f[p], &rotation[p], &density))
             return 0;
+        if (assembly->patches)
+            sbi_patch_take_energy(shares + 1, &f[p], &density);
         *sum += weights[p] * factor * density;
     }
     return !sbi_cell_has_extras(shares) || sbi_cell_add_extra_energy(assembly, e, f, sum);
@@ -569,11 +579,19 @@ SBI_FORCE_INLINE int sbi_cell_tangent(const sbi_assembly_job *job, int e, const 
             sb_mat3 r = material->model == SB_LINEAR ? sb_m3_identity() : sb_quat_to_mat3(start);
             sbi_cell_add_rotated(r, g, w * material->lambda, w * material->mu, n, blocks);
         } else {
-            if (!sb_material_tangent(material, &f[p], &start, job->kind, tangent))
+            sb_material own;
+            if (assembly->patches) {
+                own = sbi_patch_tangent_share(material);
+                material = &own;
+            }
+            if (!sb_material_tangent(material, &f[p], &start, assembly->patches ? SB_TANGENT_EXACT : job->kind,
+                                     tangent))
                 return 0;
             if (mixed)
                 sbi_point_mix(material, &f[p], &before[p], start, tangent);
             if (extras && !sbi_point_add_extra_tangent(assembly, e, p, &f[p], job->kind, tangent))
+                return 0;
+            if (assembly->patches && !sbi_patches_finish_tangent(assembly, e, &f[p], start, job->kind, tangent))
                 return 0;
             sbi_cell_add_tangent(tangent, g, w, n, blocks);
         }
@@ -696,17 +714,25 @@ static void sbi_assembly_chunk(void *user, int index)
 
 /* ---- entry points ---- */
 
-/* Shares of the materials as they are, and of what relaxes of them. */
+SBI_API sb_material sbi_assembly_share(const sb_domain *domain, const sb_material *material, int of_volume)
+{
+    if (domain->cell_patch)
+        return of_volume ? *material : sbi_patch_shear(material);
+    return sbi_material_share_of(material, !domain->mean_points ? SBI_SHARE_WHOLE
+                                           : of_volume          ? SBI_SHARE_VOLUME
+                                                                : SBI_SHARE_SHEAR);
+}
+
+/* Shares of the materials as they are, and of what relaxes of them, which in patches is all the points'. */
 static void sbi_assembly_derive(sbi_assembly *assembly)
 {
-    int split = assembly->domain->mean_points;
+    const sb_domain *domain = assembly->domain;
     for (int i = 0; i < assembly->material_count; i++) {
         const sb_material *material = assembly->materials + i;
         sb_material relaxing = sbi_material_relaxing(material);
         for (int k = 0; k < 2; k++) {
-            sbi_material_share share = !split ? SBI_SHARE_WHOLE : k ? SBI_SHARE_VOLUME : SBI_SHARE_SHEAR;
-            assembly->shares[2 * i + k] = sbi_material_share_of(material, share);
-            assembly->relaxing[2 * i + k] = sbi_material_share_of(&relaxing, share);
+            assembly->shares[2 * i + k] = sbi_assembly_share(domain, material, k);
+            assembly->relaxing[2 * i + k] = domain->cell_patch ? relaxing : sbi_assembly_share(domain, &relaxing, k);
         }
     }
 }
@@ -753,6 +779,9 @@ static sbi_assembly_job sbi_assembly_make_job(sbi_assembly *assembly, sbi_assemb
     return job;
 }
 
+/* The first of two cells, of which each may be -1: none. */
+static int sbi_assembly_first_bad(int bad, int other) { return bad < 0 || (other >= 0 && other < bad) ? other : bad; }
+
 SBI_API int sbi_assembly_force(sbi_assembly *assembly, const sb_vec3 *u, sb_vec3 *force)
 {
     sbi_assembly_job job = sbi_assembly_make_job(assembly, SBI_WORK_FORCE, u);
@@ -760,6 +789,8 @@ SBI_API int sbi_assembly_force(sbi_assembly *assembly, const sb_vec3 *u, sb_vec3
     job.force = force;
     memset(force, 0, (size_t)assembly->domain->node_count * sizeof *force);
     bad = sbi_assembly_run(&job);
+    if (assembly->patches)
+        bad = sbi_assembly_first_bad(bad, sbi_patches_add_force(assembly, u, NULL, force));
     if (assembly->rows)
         sbi_rows_add_force(assembly->rows, u, force);
     if (assembly->glue)
@@ -776,6 +807,8 @@ SBI_API void sbi_assembly_force_along(sbi_assembly *assembly, const sb_vec3 *u, 
     job.force = force;
     memset(force, 0, (size_t)assembly->domain->node_count * sizeof *force);
     (void)sbi_assembly_run(&job);
+    if (assembly->patches)
+        (void)sbi_patches_add_force(assembly, u, x, force);
 }
 
 SBI_API int sbi_assembly_add_share(sbi_assembly *assembly, const sb_vec3 *u, int index, const sb_material *material,
@@ -786,12 +819,12 @@ SBI_API int sbi_assembly_add_share(sbi_assembly *assembly, const sb_vec3 *u, int
     sb_material *shares = assembly->shares + 2 * (size_t)index, kept[2];
     sb_quat rotation[SBI_CELL_POINTS];
     size_t q = (size_t)assembly->domain->points_per_cell;
-    int split = assembly->domain->mean_points, bad = -1;
+    int bad = -1;
     own.batched = 0;
     job.force = force;
     memcpy(kept, shares, sizeof kept);
-    shares[0] = sbi_material_share_of(material, split ? SBI_SHARE_SHEAR : SBI_SHARE_WHOLE);
-    shares[1] = sbi_material_share_of(material, split ? SBI_SHARE_VOLUME : SBI_SHARE_WHOLE);
+    for (int k = 0; k < 2; k++)
+        shares[k] = sbi_assembly_share(assembly->domain, material, k);
     for (int e = 0; e < assembly->domain->cell_count && bad < 0; e++) {
         if (assembly->cell_material[e] != index)
             continue;
@@ -799,6 +832,8 @@ SBI_API int sbi_assembly_add_share(sbi_assembly *assembly, const sb_vec3 *u, int
         bad = sbi_chunk_force_any(&job, e, e + 1);
         memcpy(assembly->rotations + (size_t)e * q, rotation, q * sizeof *rotation);
     }
+    if (assembly->patches && bad < 0)
+        bad = sbi_patches_add_share(assembly, u, index, force);
     memcpy(shares, kept, sizeof kept);
     return bad;
 }
@@ -813,11 +848,13 @@ SBI_API int sbi_assembly_weighted_tangent(sbi_assembly *assembly, const sb_vec3 
                                           const sb_real *factors, sb_real factor, sb_matrix *matrix)
 {
     sbi_assembly_job job = sbi_assembly_make_job(assembly, SBI_WORK_TANGENT, u);
-    int bad;
+    int bad, outer = -1;
     job.kind = kind;
     job.factor = factor;
     job.factors = factors;
     job.matrix = matrix;
+    if (assembly->patches)
+        outer = sbi_patches_update(assembly, u, 1);
     if (assembly->batched && kind == SB_TANGENT_QUASI) {
         sbi_batch_tangent(assembly, factors, factors ? 1 : factor, matrix);
         bad = -1;
@@ -827,11 +864,13 @@ SBI_API int sbi_assembly_weighted_tangent(sbi_assembly *assembly, const sb_vec3 
         bad = sbi_assembly_run(&job);
         sbi_matrix_set_free_rows(matrix);
     }
+    if (assembly->patches)
+        sbi_patches_add_tangent(assembly, kind, factors, factor, matrix);
     if (assembly->rows)
         sbi_rows_add_tangent(assembly->rows, factor, matrix);
     if (assembly->glue)
         sbi_glue_add_tangent(assembly->glue, factor, matrix);
-    return bad;
+    return sbi_assembly_first_bad(bad, outer);
 }
 
 SBI_API int sbi_assembly_multiply(sbi_assembly *assembly, const sb_vec3 *x, sb_vec3 *y)
@@ -848,6 +887,8 @@ SBI_API int sbi_assembly_multiply_held(sbi_assembly *assembly, const sb_vec3 *x,
     job.held = held;
     memset(y, 0, (size_t)assembly->domain->node_count * sizeof *y);
     sbi_assembly_run(&job);
+    if (assembly->patches)
+        sbi_patches_add_product(assembly, x, y);
     if (assembly->rows)
         sbi_rows_add_force(assembly->rows, x, y);
     if (assembly->glue)
@@ -867,14 +908,17 @@ SBI_API sb_real sbi_assembly_work_along(sbi_assembly *assembly, const sb_vec3 *x
 {
     sbi_assembly_job job = sbi_assembly_make_job(assembly, SBI_WORK_ALONG, x);
     (void)sbi_assembly_run(&job);
-    return sbi_assembly_sum_chunks(assembly);
+    return sbi_assembly_sum_chunks(assembly) + (assembly->patches ? sbi_patches_work(assembly, x) : 0);
 }
 
 SBI_API int sbi_assembly_energy(sbi_assembly *assembly, const sb_vec3 *u, sb_real *energy)
 {
     sbi_assembly_job job = sbi_assembly_make_job(assembly, SBI_WORK_ENERGY, u);
     int bad = sbi_assembly_run(&job);
-    sb_real sum = sbi_assembly_sum_chunks(assembly);
+    sb_real sum = sbi_assembly_sum_chunks(assembly), outer = 0;
+    if (assembly->patches)
+        bad = sbi_assembly_first_bad(bad, sbi_patches_energy(assembly, u, &outer));
+    sum += outer;
     if (assembly->rows)
         sum += sbi_rows_energy(assembly->rows, u);
     if (assembly->glue)
@@ -894,6 +938,8 @@ SBI_API void sbi_assembly_points(const sbi_assembly *assembly, const sb_vec3 *u,
         rotation[i] = start[i];
     sbi_cell_deformations(domain, cell, u, domain->nodes_per_cell, q, f);
     sbi_cell_stresses(assembly, cell, u, f, q, sbi_cell_scheme(domain), rotation, p, admissible);
+    if (assembly->patches)
+        admissible[0] &= sbi_patches_cell_stress(assembly, cell, u, p);
 }
 
 SBI_API int sbi_assembly_cell_energy(const sbi_assembly *assembly, const sb_vec3 *u, int cell, sb_real *energy)
@@ -905,6 +951,8 @@ SBI_API int sbi_assembly_cell_energy(const sbi_assembly *assembly, const sb_vec3
     sbi_cell_deformations(domain, cell, u, domain->nodes_per_cell, q, f);
     if (!sbi_cell_energy(assembly, cell, u, f, q, sbi_cell_scheme(domain),
                          assembly->rotations + (size_t)cell * (size_t)q, &sum))
+        return 0;
+    if (assembly->patches && !sbi_patches_cell_energy(assembly, cell, u, &sum))
         return 0;
     *energy = sum;
     return 1;

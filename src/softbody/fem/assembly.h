@@ -43,6 +43,8 @@ SB_INLINE int sbi_glue_at(int nodes, int a, int b)
 }
 SB_INLINE int sbi_glue_gram(int nodes) { return nodes * (nodes + 1) / 2; }
 
+typedef struct sbi_patches sbi_patches; /* see assembly_patch.h */
+
 typedef struct sbi_assembly {
     const sb_domain *domain;
     const sb_material *materials; /* [material_count] */
@@ -60,6 +62,7 @@ typedef struct sbi_assembly {
     const sb_vec3 *reference;   /* [node_count] (m) */
     const sbi_inner_rows *rows; /* what holds besides the cells, borrowed; or NULL */
     const sbi_glue *glue;       /* and what ties cells to each other */
+    sbi_patches *patches;       /* and what holds the volume of domain->cell_patch; NULL without */
     int fold_fallback;          /* 1: forces give a folded-over cell one rotation. Only for linearised steps, which no
                                  * energy watches: the rule makes it jump */
     const sb_vec3 *came_from; /* [node_count] displacements before the last increment, borrowed: exact tangents take the
@@ -102,6 +105,11 @@ typedef struct sbi_assembly {
     struct sbi_assembly_live *live; /* of a mesh that changes, see assembly_live.h; otherwise NULL */
 } sbi_assembly;
 
+/* 1: points have the materials' share of shear, and mean points or patches that of changes of volume. */
+SB_INLINE int sbi_assembly_is_split(const sbi_assembly *assembly)
+{
+    return assembly->domain->mean_points || assembly->domain->cell_patch;
+}
 /* What the stresses of a cell are multiplied by. */
 SB_INLINE sb_real sbi_assembly_stiffness(const sbi_assembly *assembly, int e)
 {
@@ -138,6 +146,9 @@ SBI_API void sbi_assembly_prepare(sbi_assembly *assembly, const sb_matrix *matri
  * from now on by batched bodies, which sbi_assembly_has_pairs tells. */
 SBI_API void sbi_assembly_remap(sbi_assembly *assembly, const sb_matrix *matrix, int *pair_start);
 SBI_API int sbi_assembly_has_pairs(const sbi_assembly *assembly);
+/* What a cell's points evaluate of a material, or its mean points: see sbi_material_share. Patches of cells have that
+ * of changes of volume in assembly_patch's way, and find the whole material in its place. */
+SBI_API sb_material sbi_assembly_share(const sb_domain *domain, const sb_material *material, int of_volume);
 /* Says what each cell is made of; both arrays are borrowed. Call again when a material changes. Materials with fibres
  * need assembly->fibres, those with Prony terms room for their memory. */
 SBI_API void sbi_assembly_set_materials(sbi_assembly *assembly, const sb_material *materials, int material_count,

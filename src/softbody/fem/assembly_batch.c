@@ -123,6 +123,12 @@ SBI_API void sbi_batch_list_pairs(sbi_assembly *assembly, const sb_matrix *matri
     start[0] = 0;
 }
 
+/* That of points, from which patches take the resistance to changes of volume. */
+static sb_real sbi_batch_lambda(const sbi_assembly *assembly, const sb_material *material)
+{
+    return assembly->domain->cell_patch ? -2 * material->mu / 3 : material->lambda;
+}
+
 /* The moduli of a cell at a point into a lane. */
 static void sbi_batch_set_moduli(sbi_assembly *assembly, int e, int batch, int p, int lane)
 {
@@ -130,7 +136,7 @@ static void sbi_batch_set_moduli(sbi_assembly *assembly, int e, int batch, int p
     const sb_material *material = assembly->materials + assembly->cell_material[e];
     sb_real w = assembly->domain->weights[(size_t)e * (size_t)q + (size_t)p] * sbi_assembly_stiffness(assembly, e);
     sb_real *out = assembly->batch_moduli + ((size_t)batch * (size_t)q + (size_t)p) * 3 * SB_POLAR_LANES + lane;
-    out[0] = w * material->lambda;
+    out[0] = w * sbi_batch_lambda(assembly, material);
     out[SB_POLAR_LANES] = w * material->mu;
     out[2 * SB_POLAR_LANES] = sb_sqrt(w * material->mu);
 }
@@ -152,7 +158,10 @@ static void sbi_batch_sum_diagonal(sbi_assembly *assembly)
     }
 }
 
-static sb_real sbi_batch_ratio(const sb_material *material) { return material->lambda / material->mu; }
+static sb_real sbi_batch_ratio(const sbi_assembly *assembly, const sb_material *material)
+{
+    return sbi_batch_lambda(assembly, material) / material->mu;
+}
 
 SBI_API void sbi_batch_set_materials(sbi_assembly *assembly)
 {
@@ -166,12 +175,13 @@ SBI_API void sbi_batch_set_materials(sbi_assembly *assembly)
         sbi_batch_sum_diagonal(assembly);
     assembly->mixed = 0;
     for (int e = 0; e < domain->cell_count; e++) {
-        assembly->ratios[e] = sbi_batch_ratio(assembly->materials + assembly->cell_material[e]);
+        assembly->ratios[e] = sbi_batch_ratio(assembly, assembly->materials + assembly->cell_material[e]);
         assembly->mixed |= assembly->ratios[e] < assembly->ratios[0] || assembly->ratios[e] > assembly->ratios[0];
     }
     /* where cells come and go the materials decide, whether a cell has them at present or not */
     for (int i = 0; assembly->live && i < assembly->material_count; i++) {
-        sb_real ratio = sbi_batch_ratio(assembly->materials + i), first = sbi_batch_ratio(assembly->materials);
+        sb_real ratio = sbi_batch_ratio(assembly, assembly->materials + i),
+                first = sbi_batch_ratio(assembly, assembly->materials);
         assembly->mixed |= ratio < first || ratio > first;
     }
 }
@@ -183,7 +193,7 @@ SBI_API void sbi_batch_set_cell(sbi_assembly *assembly, int e)
         sbi_batch_fill_lane(assembly, e, batch, p, lane);
         sbi_batch_set_moduli(assembly, e, batch, p, lane);
     }
-    assembly->ratios[e] = sbi_batch_ratio(assembly->materials + assembly->cell_material[e]);
+    assembly->ratios[e] = sbi_batch_ratio(assembly, assembly->materials + assembly->cell_material[e]);
 }
 
 SBI_API sb_quat sbi_batch_get_quat(const sbi_assembly *assembly, int e)

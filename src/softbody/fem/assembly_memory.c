@@ -1,5 +1,6 @@
 /* assembly_memory: what points of materials with Prony terms remember of viscous stress. */
 #include "assembly_cell.h"
+#include "assembly_patch.h"
 #include "material_models.h"
 
 #include <string.h>
@@ -66,17 +67,17 @@ SBI_API sb_real *sbi_assembly_memory(sbi_assembly *assembly, size_t *bytes)
 /* The shares of materials with Prony terms for a step of dt. */
 static void sbi_memory_relax(sbi_assembly *assembly, sb_real dt)
 {
-    int split = assembly->domain->mean_points;
     for (int i = 0; i < assembly->material_count; i++) {
         const sb_material *material = assembly->materials + i;
         sb_material relaxed;
         if (material->prony_count == 0)
             continue;
         relaxed = sbi_material_relaxed(material, sbi_prony_factor(material, dt));
-        for (int k = 0; k < 2; k++)
-            assembly->shares[2 * i + k] = sbi_material_share_of(&relaxed, !split ? SBI_SHARE_WHOLE
-                                                                          : k    ? SBI_SHARE_VOLUME
-                                                                                 : SBI_SHARE_SHEAR);
+        assembly->shares[2 * i] = sbi_assembly_share(assembly->domain, &relaxed, 0);
+        if (assembly->domain->cell_patch) /* what patches have does not relax */
+            assembly->shares[2 * i].lambda += sbi_patch_kept_lambda(material, &relaxed);
+        else
+            assembly->shares[2 * i + 1] = sbi_assembly_share(assembly->domain, &relaxed, 1);
     }
 }
 

@@ -1,5 +1,6 @@
 /* domain: integration points from elements. */
 #include "domain.h"
+#include "patch.h"
 
 #include <limits.h>
 #include <string.h>
@@ -14,6 +15,7 @@ SB_API void sb_domain_free(sb_domain *domain)
     sbi_free(&allocator, domain->gradients);
     sbi_free(&allocator, domain->weights);
     sbi_free(&allocator, domain->cell_mass);
+    sbi_free(&allocator, domain->cell_patch);
     memset(domain, 0, sizeof *domain);
 }
 
@@ -409,12 +411,15 @@ SB_API sb_result sb_domain_create(const sb_mesh *mesh, sb_integration integratio
     if (single_rotation && mesh->element_type != SB_TET10)
         return sbi_fail(error, SB_ERROR_ARGUMENT, "one rotation per element is for tet10, the mesh has %s",
                         sb_element_name(mesh->element_type));
-    if ((int)integration < SB_INTEGRATION_AUTO || (int)integration > SB_INTEGRATION_BBAR)
+    if ((int)integration < SB_INTEGRATION_AUTO || (int)integration > SB_INTEGRATION_PATCH)
         return sbi_fail(error, SB_ERROR_ARGUMENT, "integration is %d, which is none", (int)integration);
     if (integration == SB_INTEGRATION_BBAR && (sbi_domain_mean_points(mesh->element_type) == 0 || single_rotation))
         return sbi_fail(error, SB_ERROR_ARGUMENT,
                         "SB_INTEGRATION_BBAR is for tet10 without single_rotation, hex8, hex20 and hex27, the mesh has "
                         "%s",
+                        sb_element_name(mesh->element_type));
+    if (integration == SB_INTEGRATION_PATCH && mesh->element_type != SB_TET4)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "SB_INTEGRATION_PATCH is for tet4, the mesh has %s",
                         sb_element_name(mesh->element_type));
     if (integration == SB_INTEGRATION_CURVED ||
         (integration != SB_INTEGRATION_STANDARD && sbi_domain_has_curved_side(mesh)))
@@ -431,6 +436,8 @@ SB_API sb_result sb_domain_create(const sb_mesh *mesh, sb_integration integratio
     result = sbi_domain_allocate(mesh, allocator, &made, error);
     if (result == SB_OK)
         result = sbi_domain_fill(&made, kind, mesh->nodes, NULL, NULL, error);
+    if (result == SB_OK && integration == SB_INTEGRATION_PATCH)
+        result = sbi_patch_make(mesh, allocator, &made.cell_patch, &made.patch_count, error);
     if (result != SB_OK) {
         sb_domain_free(&made);
         return result;
@@ -450,6 +457,40 @@ static int sbi_domain_has_loops(const sb_domain *domain, const sb_mesh *mesh)
     int curved = sbi_element_quadrature(element, SB_QUADRATURE_STIFFNESS_CURVED, points, weights);
     int ordinary = domain->points_per_cell - domain->mean_points;
     return ordinary == plain || (ordinary == curved && !domain->single_rotation);
+}
+
+/* Patches are of tet4 and each of one region. */
+static sb_result sbi_domain_check_patches(const sb_domain *domain, const sb_mesh *mesh, sb_error *error)
+{
+    int *first, cells = mesh->element_count, bad = -1;
+    if (!domain->cell_patch && domain->patch_count == 0)
+        return SB_OK;
+    if (!domain->cell_patch || mesh->element_type != SB_TET4 || domain->patch_count < 1 || domain->patch_count > cells)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "the domain's %d patches do not go with %d cells of %s%s",
+                        domain->patch_count, cells, sb_element_name(mesh->element_type),
+                        domain->cell_patch ? "" : ": cell_patch is NULL");
+    for (int e = 0; e < cells; e++)
+        if (domain->cell_patch[e] < 0 || domain->cell_patch[e] >= domain->patch_count)
+            return sbi_fail_element(error, SB_ERROR_INDEX, e, "cell %d of the domain is in patch %d of %d", e,
+                                    domain->cell_patch[e], domain->patch_count);
+    first = (int *)sbi_alloc(&domain->allocator, (size_t)domain->patch_count, sizeof(int));
+    if (!first)
+        return sbi_fail(error, SB_ERROR_MEMORY, "no memory for %d patches", domain->patch_count);
+    for (int k = 0; k < domain->patch_count; k++)
+        first[k] = -1;
+    for (int e = 0; e < cells && bad < 0; e++) {
+        int *of = first + domain->cell_patch[e];
+        if (*of < 0)
+            *of = e;
+        if (mesh->regions && mesh->regions[*of] != mesh->regions[e])
+            bad = e;
+    }
+    sbi_free(&domain->allocator, first);
+    return bad < 0 ? SB_OK
+                   : sbi_fail_element(error, SB_ERROR_ARGUMENT, bad,
+                                      "cell %d of the domain is in patch %d with cells "
+                                      "of another region",
+                                      bad, domain->cell_patch[bad]);
 }
 
 /* Counts, flags and arrays against the mesh. */
@@ -540,6 +581,16 @@ static sb_real *sbi_domain_copy_reals(const sb_allocator *allocator, const sb_re
     return to;
 }
 
+static int *sbi_domain_copy_ints(const sb_allocator *allocator, const int *from, size_t rows, size_t columns,
+                                 int *failed)
+{
+    int *to = from ? (int *)sbi_alloc(allocator, rows, columns * sizeof(int)) : NULL;
+    if (to)
+        memcpy(to, from, rows * columns * sizeof(int));
+    *failed |= from && !to;
+    return to;
+}
+
 SBI_API sb_result sbi_domain_copy(const sb_domain *domain, const sb_mesh *mesh, const sb_allocator *allocator,
                                   sb_domain *copy, sb_error *error)
 {
@@ -550,6 +601,8 @@ SBI_API sb_result sbi_domain_copy(const sb_domain *domain, const sb_mesh *mesh, 
     sb_result result = sbi_domain_check_mesh(mesh, error);
     if (result == SB_OK)
         result = sbi_domain_check_fit(domain, mesh, error);
+    if (result == SB_OK)
+        result = sbi_domain_check_patches(domain, mesh, error);
     for (int e = 0; e < domain->cell_count && result == SB_OK; e++)
         result = sbi_domain_check_cell(domain, e, &volume, error);
     if (result == SB_OK && !(volume > 0))
@@ -559,13 +612,12 @@ SBI_API sb_result sbi_domain_copy(const sb_domain *domain, const sb_mesh *mesh, 
     memset(&made.allocator, 0, sizeof made.allocator);
     if (allocator)
         made.allocator = *allocator;
-    made.cells = (int *)sbi_alloc(allocator, cells, n * sizeof(int));
-    if (made.cells)
-        memcpy(made.cells, domain->cells, cells * n * sizeof(int));
+    made.cells = sbi_domain_copy_ints(allocator, domain->cells, cells, n, &failed);
+    made.cell_patch = sbi_domain_copy_ints(allocator, domain->cell_patch, cells, 1, &failed);
     made.gradients = sbi_domain_copy_reals(allocator, domain->gradients, cells, q * n * 3, &failed);
     made.weights = sbi_domain_copy_reals(allocator, domain->weights, cells, q, &failed);
     made.cell_mass = sbi_domain_copy_reals(allocator, domain->cell_mass, cells, n * (n + 1) / 2, &failed);
-    if (failed || !made.cells) {
+    if (failed) {
         sb_domain_free(&made);
         return sbi_fail(error, SB_ERROR_MEMORY, "no memory for the integration points of %d cells", domain->cell_count);
     }
@@ -605,9 +657,9 @@ static sb_result sbi_domain_grow(sb_domain *domain, int capacity, sb_error *erro
 
 SBI_API sb_result sbi_domain_make_live(sb_domain *domain, int cell_capacity, sb_error *error)
 {
-    if (domain->element_type != SB_TET4 || domain->points_per_cell != 1 || domain->cell_mass)
+    if (domain->element_type != SB_TET4 || domain->points_per_cell != 1 || domain->cell_mass || domain->cell_patch)
         return sbi_fail(error, SB_ERROR_UNSUPPORTED,
-                        "a mesh that changes is of tet4 without masses of their own, not %s",
+                        "a mesh that changes is of tet4 without patches and masses of their own, not %s",
                         sb_element_name(domain->element_type));
     return sbi_domain_grow(domain, sbi_max_int(cell_capacity, domain->cell_count), error);
 }

@@ -92,8 +92,7 @@ static int sbi_law_own_tangent(const sb_material_law *law, const sb_mat3 *F, sb_
     return 1;
 }
 
-/* A without its negative eigenvalues. */
-static int sbi_law_project(sb_real *A)
+SBI_API int sbi_law_project(sb_real *A)
 {
     double a[81], values[9], vectors[81], scratch[18];
     if (sbi_tangent_is_semidefinite(A))

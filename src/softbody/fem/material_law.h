@@ -10,6 +10,9 @@ SBI_API int sbi_law_energy(const sb_material *material, const sb_mat3 *F, sb_rea
 SBI_API int sbi_law_stress(const sb_material *material, const sb_mat3 *F, sb_mat3 *P);
 SBI_API int sbi_law_tangent(const sb_material *material, const sb_mat3 *F, sb_tangent_kind kind, sb_real *A);
 
+/* A[81] without its negative eigenvalues; 0 where they are not found. */
+SBI_API int sbi_law_project(sb_real *A);
+
 /* Bulk and shear modulus (Pa) of the law's tangent at F = I, averaged over directions (Voigt); untouched where it has
  * none. */
 SBI_API void sbi_law_moduli(const sb_material_law *law, sb_real *bulk, sb_real *mu);

@@ -118,7 +118,7 @@ static int sbi_identify_locks(const sbi_identify *id)
     sb_element_type type = id->body->domain.element_type;
     for (int k = 0; k < id->def->count; k++)
         if (id->def->parameters[k].kind == SB_PARAMETER_POISSON && id->values[k] > near_half &&
-            (type == SB_TET4 || type == SB_HEX8) && !id->body->domain.mean_points)
+            (type == SB_TET4 || type == SB_HEX8) && !sbi_assembly_is_split(&id->body->assembly))
             return 1;
     return 0;
 }
