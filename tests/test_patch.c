@@ -458,6 +458,167 @@ static void test_domains(void)
     free_mixed(&mesh);
 }
 
+/* ---- a mesh that changes ---- */
+
+static int shared_nodes(const int *a, const int *b)
+{
+    int shared = 0;
+    for (int i = 0; i < 16; i++)
+        shared += a[i / 4] == b[i % 4];
+    return shared;
+}
+
+/* Cells in use are in patches that are connected by faces, others in none; how many patches have less than 5. */
+static int check_live_patches(const sb_body *body)
+{
+    int cells = sb_body_element_count(body), patches = sb_body_patch_count(body), small = 0;
+    int *stack = (int *)malloc((size_t)cells * sizeof(int)), *seen = (int *)calloc((size_t)cells, sizeof(int));
+    for (int e = 0; e < cells; e++)
+        CHECK((sb_body_patch(body, e) >= 0) == sb_body_cell_in_use(body, e));
+    for (int k = 0; k < patches; k++) {
+        int size = 0, top = 0, reached = 0;
+        for (int e = 0; e < cells; e++) {
+            if (sb_body_patch(body, e) != k)
+                continue;
+            if (size++ == 0) {
+                stack[top++] = e;
+                seen[e] = 1;
+            }
+        }
+        while (top > 0) {
+            int e = stack[--top];
+            reached++;
+            for (int other = 0; other < cells; other++)
+                if (!seen[other] && sb_body_patch(body, other) == k &&
+                    shared_nodes(sb_body_cell_nodes(body, e), sb_body_cell_nodes(body, other)) == 3) {
+                    seen[other] = 1;
+                    stack[top++] = other;
+                }
+        }
+        CHECK(size > 0);
+        CHECK_INT(reached, size);
+        small += size < 5;
+    }
+    free(stack);
+    free(seen);
+    return small;
+}
+
+static unsigned long long steps(sb_body *body, int count)
+{
+    for (int s = 0; s < count; s++)
+        if (!CHECK_OK(sb_body_step(body, REAL(0.01), NULL)))
+            break;
+    CHECK(scene_all_finite(sb_body_positions(body), sb_body_node_count(body)));
+    return scene_hash(sb_body_displacements(body), (size_t)sb_body_node_count(body) * sizeof(sb_vec3));
+}
+
+/* A beam of two regions, cut half through by a blade in frames while it swings: patches end at the cut, those far from
+ * it stay, a state from amid the cut gives the same bits, also in a body that was never cut. */
+static void cut_and_swing(int model, int lattice)
+{
+    sb_mesh mesh = mixed_box(8, 4, 4, 0.2, 0);
+    sb_body_def def = sb_default_body_def();
+    sb_cut_def cut_def = sb_default_cut_def();
+    sb_body *body, *other;
+    sb_cut *cut, *other_cut;
+    sb_vec3 edge[2];
+    void *state;
+    size_t size;
+    unsigned long long expected;
+    int stroke = -1, before, small;
+    sb_error error;
+    def.mesh = &mesh;
+    def.material = model_of(model, 0.49);
+    def.integration = SB_INTEGRATION_PATCH;
+    def.gravity = sb_v3(0, 0, REAL(-3));
+    def.damping_stiffness = REAL(0.01);
+    def.slack = 2;
+    body = scene_body(&def);
+    other = scene_body(&def);
+    before = sb_body_patch_count(body);
+    scene_fix_plane(body, &mesh, 0, 0, SB_XYZ);
+    scene_fix_plane(other, &mesh, 0, 0, SB_XYZ);
+    cut_def.body = body;
+    cut_def.lattice = lattice;
+    CHECK_OK(sb_cut_create(&cut_def, &cut, &error));
+    cut_def.body = other;
+    CHECK_OK(sb_cut_create(&cut_def, &other_cut, &error));
+    for (int i = 0; i < 6; i++) {
+        double z = 0.21 - 0.025 * i;
+        edge[0] = sb_v3(REAL(0.1871), REAL(-0.05), REAL(z));
+        edge[1] = sb_v3(REAL(0.2013), REAL(0.35), REAL(z));
+        if (i == 0)
+            CHECK_OK(sb_cut_begin(cut, edge, 2, &stroke, &error));
+        else if (!CHECK_OK(sb_cut_move(cut, stroke, edge, NULL, &error)))
+            printf("%s\n", error.message);
+        steps(body, 2);
+    }
+    sb_cut_end(cut, stroke);
+    small = check_live_patches(body);
+    printf("  cut, model %d, lattice %d: %d patches became %d, %d of them with less than 5 tets\n", model, lattice,
+           before, sb_body_patch_count(body), small);
+    CHECK(sb_body_patch_count(body) > before);
+    CHECK(small <= 8);
+    size = sb_body_state_size(body);
+    state = malloc(size);
+    CHECK_OK(sb_body_state_save(body, state, size));
+    expected = steps(body, 4);
+    CHECK_OK(sb_body_state_load(body, state, size, &error));
+    CHECK(steps(body, 4) == expected);
+    if (!CHECK_OK(sb_body_state_load(other, state, size, &error)))
+        printf("%s\n", error.message);
+    CHECK_INT(check_live_patches(other), small);
+    CHECK(steps(other, 4) == expected);
+    free(state);
+    sb_cut_destroy(cut);
+    sb_cut_destroy(other_cut);
+    sb_body_destroy(body);
+    sb_body_destroy(other);
+    free_mixed(&mesh);
+}
+
+static void test_cut(void)
+{
+    cut_and_swing(1, 2);
+    cut_and_swing(1, 1);
+    cut_and_swing(6, 2);
+}
+
+/* Cells are taken out and made again, at random, to the last but a few. */
+static void test_changes(void)
+{
+    sb_mesh mesh = mixed_box(4, 3, 3, 0.2, 0);
+    sb_body_def def = sb_default_body_def();
+    unsigned long long seed = 41;
+    sb_body *body;
+    def.mesh = &mesh;
+    def.material = model_of(1, 0.49);
+    def.integration = SB_INTEGRATION_PATCH;
+    def.gravity = sb_v3(0, 0, REAL(-3));
+    def.slack = 1;
+    body = scene_body(&def);
+    scene_fix_plane(body, &mesh, 0, 0, SB_XYZ);
+    for (int round = 0; round < 12; round++) {
+        sb_body_change *change;
+        sb_error error;
+        int removed = 0, result;
+        CHECK_OK(sb_body_change_begin(body, &change, &error));
+        for (int e = 0; e < sb_body_element_count(body); e++)
+            if (sb_body_cell_in_use(body, e) && check_random(&seed) < 0.04 && removed++ < 12)
+                CHECK_OK(sb_body_change_remove_cell(change, e, &error));
+        result = sb_body_change_commit(change, &error);
+        if (result != SB_OK) { /* it would leave a node alone */
+            sb_body_change_cancel(change);
+            continue;
+        }
+        check_live_patches(body);
+        steps(body, 1);
+    }
+    sb_body_destroy(body);
+    free_mixed(&mesh);
+}
+
 /* Each allocation fails in turn. */
 static void test_memory(void)
 {
@@ -484,4 +645,5 @@ static void test_memory(void)
 
 CHECK_SUITE(patch, {"patches", test_patches}, {"small meshes", test_small_meshes}, {"homogeneous", test_homogeneous},
             {"derivatives", test_derivatives}, {"same bits", test_same_bits},
-            {"states are told apart", test_states_are_told_apart}, {"domains", test_domains}, {"memory", test_memory});
+            {"states are told apart", test_states_are_told_apart}, {"domains", test_domains}, {"memory", test_memory},
+            {"cut", test_cut}, {"changes", test_changes});

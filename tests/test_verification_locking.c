@@ -8,20 +8,21 @@
 static const double young = 1000, pressure = 1;
 
 /* Elements for nearly incompressible bodies alone: at other Poisson's ratios the standard rule is the better one. */
-static const verify_element quadratic_bbar[] = {{"tet10, B-bar", SB_TET10, SB_INTEGRATION_BBAR, 0, 2},
-                                                {"hex20, B-bar", SB_HEX20, SB_INTEGRATION_BBAR, 0, 2},
-                                                {"hex27, B-bar", SB_HEX27, SB_INTEGRATION_BBAR, 0, 2}};
+static const verify_element special[] = {{"tet10, B-bar", SB_TET10, SB_INTEGRATION_BBAR, 0, 2},
+                                         {"hex20, B-bar", SB_HEX20, SB_INTEGRATION_BBAR, 0, 2},
+                                         {"hex27, B-bar", SB_HEX27, SB_INTEGRATION_BBAR, 0, 2},
+                                         {"tet4, patches", SB_TET4, SB_INTEGRATION_PATCH, 0, 1}};
 
 static const verify_element *element_named(const char *name)
 {
-    for (int i = 0; i < 3; i++)
-        if (strcmp(quadratic_bbar[i].name, name) == 0)
-            return quadratic_bbar + i;
+    for (int i = 0; i < (int)(sizeof special / sizeof special[0]); i++)
+        if (strcmp(special[i].name, name) == 0)
+            return special + i;
     return verify_element_named(name);
 }
 
-static const char *const elements[] = {"tet4",  "tet10",        "hex8",         "hex8, B-bar", "hex20",
-                                       "hex27", "tet10, B-bar", "hex20, B-bar", "hex27, B-bar"};
+static const char *const elements[] = {"tet4",  "tet10",        "hex8",         "hex8, B-bar",  "hex20",
+                                       "hex27", "tet10, B-bar", "hex20, B-bar", "hex27, B-bar", "tet4, patches"};
 enum { ELEMENTS = (int)(sizeof elements / sizeof elements[0]) };
 static const double poissons[] = {0.45, 0.49, 0.499, 0.4999};
 enum { POISSONS = (int)(sizeof poissons / sizeof poissons[0]) };
@@ -200,7 +201,8 @@ static const subject subjects[] = {{"thick tube b/a = 3, quarter, 5x9",
                                       {-0.00109, -0.00505, -0.0476, -0.333},
                                       {-0.00073, -0.000863, -0.000975, -0.000996},
                                       {-0.000179, -0.000181, -0.000181, -0.000181},
-                                      {-0.000198, -0.0002, -0.0002, -0.0002}},
+                                      {-0.000198, -0.0002, -0.0002, -0.0002},
+                                      {-0.0335, -0.0338, -0.0339, -0.0339}},
                                      {{-0.156, -0.332, -0.508, -0.545},
                                       {-0.003, -0.00835, -0.0383, -0.154},
                                       {-0.0771, -0.271, -0.78, -0.972},
@@ -209,7 +211,8 @@ static const subject subjects[] = {{"thick tube b/a = 3, quarter, 5x9",
                                       {-0.00121, -0.00526, -0.0444, -0.254},
                                       {-0.00105, -0.00117, -0.00125, -0.00126},
                                       {-0.00021, -0.000212, -0.000213, -0.000213},
-                                      {-0.000229, -0.000232, -0.000232, -0.000232}}}},
+                                      {-0.000229, -0.000232, -0.000232, -0.000232},
+                                      {-0.0371, -0.0381, -0.0384, -0.0384}}}},
                                    {"thick sphere b/a = 2, octant, 3 of 3x3x3 (linear 6x6x6)",
                                     "Lame 1852",
                                     "u(a)/exact",
@@ -222,7 +225,8 @@ static const subject subjects[] = {{"thick tube b/a = 3, quarter, 5x9",
                                       {-0.00364, -0.0168, -0.144, -0.628},
                                       {-0.00267, -0.00321, -0.00343, -0.00345},
                                       {-0.000698, -0.000707, -0.000709, -0.00071},
-                                      {-0.000673, -0.000682, -0.000684, -0.000685}},
+                                      {-0.000673, -0.000682, -0.000684, -0.000685},
+                                      {-0.0178, -0.018, -0.0181, -0.0181}},
                                      {{-0.0793, -0.166, -0.275, -0.425},
                                       {-0.00702, -0.015, -0.0533, -0.202},
                                       {-0.0484, -0.184, -0.683, -0.955},
@@ -231,7 +235,8 @@ static const subject subjects[] = {{"thick tube b/a = 3, quarter, 5x9",
                                       {-0.00376, -0.0167, -0.128, -0.448},
                                       {-0.00318, -0.00377, -0.00402, -0.00404},
                                       {-0.000722, -0.000738, -0.000741, -0.000742},
-                                      {-0.00071, -0.000721, -0.000724, -0.000724}}}},
+                                      {-0.00071, -0.000721, -0.000724, -0.000724},
+                                      {-0.0197, -0.0202, -0.0203, -0.0203}}}},
                                    {"block pressed on a quarter of its top, 4x4x4 (linear 8x8x8)",
                                     "extrapolated from B-bar hex8 of 16, 24, 32 cells per side",
                                     "energy/that of fine meshes",
@@ -244,7 +249,8 @@ static const subject subjects[] = {{"thick tube b/a = 3, quarter, 5x9",
                                       {-0.0157, -0.0312, -0.0526, -0.0599},
                                       {0.00163, 0.00249, 0.00226, 0.0022},
                                       {-0.00849, -0.00985, -0.0103, -0.0104},
-                                      {-0.00471, -0.00463, -0.00461, -0.00462}},
+                                      {-0.00471, -0.00463, -0.00461, -0.00462},
+                                      {-0.0317, -0.0325, -0.0328, -0.0329}},
                                      {{-0.0966, -0.188, -0.345, -0.482},
                                       {-0.0259, -0.0409, -0.0692, -0.137},
                                       {-0.0487, -0.127, -0.432, -0.831},
@@ -253,7 +259,8 @@ static const subject subjects[] = {{"thick tube b/a = 3, quarter, 5x9",
                                       {-0.0159, -0.0315, -0.0546, -0.0715},
                                       {0.000583, 0.00138, 0.00113, 0.00106},
                                       {-0.00891, -0.0104, -0.0109, -0.011},
-                                      {-0.00488, -0.00482, -0.0048, -0.00481}}}}};
+                                      {-0.00488, -0.00482, -0.0048, -0.00481},
+                                      {-0.035, -0.0363, -0.037, -0.037}}}}};
 enum { SUBJECTS = (int)(sizeof subjects / sizeof subjects[0]) };
 
 /* Poisson's ratio above which sb_body_check warns of the element. */
@@ -269,6 +276,11 @@ static double limit_of(const verify_element *element)
     return (double)report.locking_limit;
 }
 
+static int has_patches(const verify_element *element) { return element->integration == SB_INTEGRATION_PATCH; }
+
+/* What is asked of tet4 with patches, whatever they err by today. */
+static double most_of(const verify_element *element) { return has_patches(element) ? 0.04 : 1; }
+
 static void subject_rows(const subject *s, int distorted)
 {
     for (int e = 0; e < ELEMENTS; e++) {
@@ -283,12 +295,13 @@ static void subject_rows(const subject *s, int distorted)
             first = k ? first : last;
             snprintf(name, sizeof name, "%s, %s mesh, nu %g", s->name, distorted ? "distorted" : "even", poissons[k]);
             verify(name, elements[e], s->source, s->quantity, 1, 1 + last,
-                   poissons[k] > limit ? recorded : 1.5 * fabs(recorded));
+                   poissons[k] > limit ? recorded : fmin(1.5 * fabs(recorded), most_of(element)));
         }
         if (limit >= 0.5 && !SB_REAL_IS_FLOAT) {
             snprintf(name, sizeof name, "%s, %s mesh", s->name, distorted ? "distorted" : "even");
             verify(name, elements[e], s->source, "what nu 0.4999 loses of it against 0.45", 0, first - last,
-                   element->degree > 1 ? 0.0025 : 0.002); /* a hex20 of so few cells errs otherwise at each */
+                   /* a hex20 of so few cells errs otherwise at each */
+                   element->degree > 1 || has_patches(element) ? 0.0025 : 0.002);
         }
     }
 }
@@ -319,7 +332,7 @@ static void test_limits(void)
         double limit = limit_of(element), lost;
         if (limit >= 0.5) {
             if (!SB_REAL_IS_FLOAT)
-                CHECK_NEAR(most_lost(element, 0.4999), 0, 0.002);
+                CHECK_NEAR(most_lost(element, 0.4999), 0, has_patches(element) ? 0.004 : 0.002);
             continue;
         }
         lost = most_lost(element, limit);
@@ -362,8 +375,115 @@ static void test_regions(void)
     sb_mesh_free(&mesh);
 }
 
+/* ---- patches that nobody chose ---- */
+
+/* Tets in no order: patches are no longer the cells that they were cut from. */
+static void shuffle_tets(sb_mesh *mesh)
+{
+    unsigned long long seed = 99;
+    for (int e = mesh->element_count - 1; e > 0; e--) {
+        int other = (int)(check_random(&seed) * (e + 1));
+        for (int a = 0; a < 4; a++) {
+            int node = mesh->elements[4 * e + a];
+            mesh->elements[4 * e + a] = mesh->elements[4 * other + a];
+            mesh->elements[4 * other + a] = node;
+        }
+    }
+}
+
+/* Pressure (Pa) of each element, the elements' averaged to the nodes by volume first: rms of what an element has over
+ * the mean of those beside it, over rms of all. */
+static double checkerboard(const sb_body *body, const sb_mesh *mesh)
+{
+    sb_mat3 *tensors = (sb_mat3 *)malloc((size_t)mesh->node_count * sizeof(sb_mat3));
+    double *p = (double *)calloc((size_t)mesh->element_count, sizeof(double)), off = 0, all = 0;
+    sb_index_table neighbours;
+    CHECK_OK(sb_mesh_neighbours(mesh, NULL, &neighbours, NULL));
+    CHECK_OK(sb_body_nodal_tensors(body, SB_TENSOR_STRESS, tensors, NULL));
+    for (int i = 0; i < 4 * mesh->element_count; i++)
+        p[i / 4] += (double)sb_m3_trace(tensors[mesh->elements[i]]) / 12;
+    for (int e = 0; e < mesh->element_count; e++) {
+        double mean = 0;
+        int count = 0;
+        for (int f = 0; f < 4; f++)
+            if (neighbours.items[4 * e + f] >= 0) {
+                mean += p[neighbours.items[4 * e + f]];
+                count++;
+            }
+        off += pow(p[e] - mean / count, 2);
+        all += p[e] * p[e];
+    }
+    sb_index_table_free(&neighbours);
+    free(tensors);
+    free(p);
+    return sqrt(off / all);
+}
+
+/* The tube on a mesh of cells that are even, grow outwards, or are distorted, its tets shuffled or not, of a material;
+ * under so little pressure that strains are small. */
+typedef sb_material (*tube_material)(sb_real young, sb_real poisson, sb_real density);
+
+static double patched_tube(int kind, int shuffled, tube_material make, double poisson, double *checkered)
+{
+    static const verify_ring ring = {3, 9, VERIFY_PI / 2, 1};
+    const double a = ring.inner, b = ring.outer, little = 1e-3;
+    double exact = (1 + poisson) * little * a * a * ((1 - 2 * poisson) * a + b * b / a) / (young * (b * b - a * a));
+    shaken s = shake(kind == 1 ? verify_map_ring : verify_map_even_ring, &ring, 5, 9, 1, kind == 2);
+    sb_mesh mesh = verify_block(SB_TET4, 5, 9, 1, map_shaken, &s, 0);
+    sb_body *body;
+    double found;
+    if (shuffled)
+        shuffle_tets(&mesh);
+    body = verify_body(&mesh, element_named("tet4, patches"), make(REAL(young), REAL(poisson), 1000));
+    verify_hold_symmetry(body, &mesh, 2);
+    for (int i = 0; i < mesh.node_count; i++)
+        CHECK_OK(sb_body_fix_nodes(body, &i, 1, SB_Z));
+    verify_load(body, &mesh, verify_on_cylinder, &a, verify_pressure, &little);
+    verify_solve(body);
+    found = verify_outward(body, &mesh, verify_on_cylinder, a);
+    *checkered = checkerboard(body, &mesh);
+    verify_free(body, &mesh);
+    return found / exact - 1;
+}
+
+/* Within 4 % of Lame, to 0.1 % the same at all Poisson's ratios, without a checkerboard of pressures. */
+static void test_patches(void)
+{
+    static const char *const kinds[3] = {"even", "logarithmic", "distorted"};
+    static const tube_material materials[3] = {sb_material_linear, sb_material_corotated, sb_material_neo_hookean};
+    if (SB_REAL_IS_FLOAT) {
+        CHECK_SKIP("bulk moduli of 500 mu and more need double");
+        return;
+    }
+    for (int kind = 0; kind < 3; kind++)
+        for (int shuffled = 0; shuffled < 2; shuffled++) {
+            double worst[3] = {0, 0, 0}, moved = 0, checkered, checks = 0;
+            char name[140];
+            for (int m = 0; m < 3; m++) {
+                double first = 0;
+                for (int k = 1; k < POISSONS; k++) {
+                    double error = patched_tube(kind, shuffled, materials[m], poissons[k], &checkered);
+                    first = k == 1 ? error : first;
+                    worst[m] = fabs(error) > fabs(worst[m]) ? error : worst[m];
+                    moved = verify_worse(moved, fabs(error - first));
+                    checks = verify_worse(checks, checkered);
+                }
+            }
+            snprintf(name, sizeof name, "thick tube b/a = 3, quarter, 5x9, %s mesh%s, nu 0.49 to 0.4999", kinds[kind],
+                     shuffled ? ", tets in no order" : "");
+            for (int m = 0; m < 3; m++) {
+                static const char *const what[3] = {"tet4, patches, linear", "tet4, patches, corotated",
+                                                    "tet4, patches, neo-Hookean"};
+                verify(name, what[m], "Lame 1852, plane strain", "u(a)/exact, worst", 1, 1 + worst[m], 0.04);
+            }
+            verify(name, "tet4, patches", "Lame 1852, plane strain", "what u(a)/exact moves by", 0, moved, 0.001);
+            verify(name, "tet4, patches", "constant pressure", "checkerboard: rms over the neighbours' mean / rms", 0,
+                   checks, 0.2);
+        }
+}
+
 static void test_table(void) { verify_table("verification_locking"); }
 
 CHECK_SUITE(verification_locking, {"thick tube", test_tube}, {"thick sphere", test_sphere},
             {"block under a patch of pressure", test_block}, {"limits of the check", test_limits},
-            {"check by region", test_regions}, {"table", test_table});
+            {"check by region", test_regions}, {"patches", test_patches}, {"table", test_table});

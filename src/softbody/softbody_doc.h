@@ -148,7 +148,7 @@
  * structured blocks up to nu 0.4; hex20 and hex27 for accuracy on blocks. def.single_rotation makes tet10 take less
  * time. Near incompressibility all lock, quadratic elements too (on even meshes hex8 from nu 0.4, hex20 and hex27 from
  * 0.49, tet10 from 0.495: sb_body_check warns, sb_check_report says how much), unless def.integration is
- * SB_INTEGRATION_BBAR, which tet10, hex8, hex20 and hex27 have.
+ * SB_INTEGRATION_BBAR, which tet10, hex8, hex20 and hex27 have, or SB_INTEGRATION_PATCH, which tet4 have.
  *
  * Which integrator? SB_EULER for trainers. SB_GENERALISED_ALPHA for studies of large or fast motion, SB_NEWMARK for
  * small motion that must keep its energy, SB_CENTRAL_DIFFERENCE where many short steps without a solve pay: soft

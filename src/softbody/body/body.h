@@ -48,7 +48,7 @@ typedef struct sb_body_def {
                                    * SB_ERROR_UNSUPPORTED with slack */
     sb_integration integration;   /* integration points per element; default SB_INTEGRATION_AUTO.
                                    * SB_INTEGRATION_BBAR: tet10, hex8, hex20 and hex27 that do not lock when nearly
-                                   * incompressible; SB_INTEGRATION_PATCH: tet4 that do not (not with slack); otherwise
+                                   * incompressible; SB_INTEGRATION_PATCH: tet4 that do not; otherwise
                                    * all do in some measure, see sb_check_report */
     int single_rotation;          /* 1: tet10 with one rotation per element, of its mean (corotated only); default
                                    * 0. Cheaper; forces are still the slope of an energy, so that they conserve
@@ -311,11 +311,11 @@ enum {
     SB_CHECK_DUPLICATES = 256   /* elements with the same corners as another: their mass and stiffness count twice. Not
                                  * looked for where def.domain was given: its cells may well share their nodes */
 };
-/* Locking. Elements other than B-bar ones resist changes of volume at more points than a nearly incompressible material
- * leaves them motions for. Measured on even and distorted meshes of a thick tube, 5 cells across, and of a thick
- * sphere, 3 (linear elements 6) cells across, under pressure (tests/verification.md, verification_locking): up to the
- * limit no element loses more than 2 % of its displacement against Poisson's ratio 0.3, and this is what they lose
- * beyond.
+/* Locking. Elements other than B-bar ones and tet4 with patches resist changes of volume at more points than a nearly
+ * incompressible material leaves them motions for. Measured on even and distorted meshes of a thick tube, 5 cells
+ * across, and of a thick sphere, 3 (linear elements 6) cells across, under pressure (tests/verification.md,
+ * verification_locking): up to the limit no element loses more than 2 % of its displacement against Poisson's ratio
+ * 0.3, and this is what they lose beyond.
  *
  *     element         limit   0.45    0.49    0.499   0.4999
  *     tet4            0.35     9 %    27 %     44 %     48 %
@@ -323,6 +323,7 @@ enum {
  *     hex20, hex27    0.49   < 1 %     2 %     14 %     63 %
  *     tet10           0.495  < 1 %     1 %      5 %     20 %
  *     B-bar           none   0.2 % and less (tet10, hex8, hex20, hex27)
+ *     tet4, patches   none   0.4 % and less (SB_INTEGRATION_PATCH)
  *
  * Meshes that are finer, or graded towards where the load is, lose less; what is held on all sides loses more. Custom
  * elements count as hex8 when they have no nodes but corners, otherwise as hex20. */

@@ -2,6 +2,8 @@
  *
  * All that may fail happens on a body of its own, so that the present one is as it was until the last moment. */
 #include "live_private.h"
+#include "../fem/assembly_patch.h"
+#include "../fem/patch.h"
 
 #include <string.h>
 
@@ -21,6 +23,8 @@ static void sbi_live_mesh_layout(const sb_body *body, sbi_live_mesh *mesh, sbi_a
     mesh->corners = (int *)sbi_arena_take(arena, cells, (size_t)body->domain.nodes_per_cell * sizeof(int));
     mesh->material = (int *)sbi_arena_take(arena, cells, sizeof(int));
     mesh->inherit = (int *)sbi_arena_take(arena, cells, sizeof(int));
+    if (body->domain.cell_patch)
+        mesh->patches = (int *)sbi_arena_take(arena, cells, sizeof(int));
     mesh->kept = (unsigned char *)sbi_arena_take(arena, cells, 1);
 }
 
@@ -103,10 +107,51 @@ SBI_API void sbi_live_mesh_fill(const sb_body *body, sbi_live_mesh *mesh)
         mesh->inherit[e] = mesh->kept[e] ? e : -1;
         if (!mesh->kept[e])
             mesh->material[e] = 0;
+        if (mesh->patches)
+            mesh->patches[e] = mesh->kept[e] ? body->domain.cell_patch[e] : -1;
     }
 }
 
+SBI_API sb_result sbi_live_settle_patches(const sb_body *body, sbi_live_mesh *mesh, sb_error *error)
+{
+    sb_mesh view = sbi_body_mesh_view(body);
+    int *memory, *used, *patches, count = 0, made;
+    sb_result result;
+    if (!mesh->patches)
+        return SB_OK;
+    memory = (int *)sbi_alloc(&body->allocator, (size_t)mesh->cells.end, 7 * sizeof(int));
+    if (!memory)
+        return sbi_fail(error, SB_ERROR_MEMORY, "no memory for the patches of %d elements", mesh->cells.end);
+    view.nodes = mesh->positions;
+    view.node_count = mesh->nodes.end;
+    view.elements = memory;
+    view.regions = memory + 4 * (size_t)mesh->cells.end;
+    used = view.regions + mesh->cells.end;
+    patches = used + mesh->cells.end;
+    for (int e = 0; e < mesh->cells.end; e++)
+        if (mesh->cells.used[e]) {
+            memcpy(view.elements + 4 * (size_t)count, mesh->corners + 4 * (size_t)e, 4 * sizeof(int));
+            view.regions[count] = mesh->material[e];
+            patches[count] = mesh->patches[e];
+            used[count++] = e;
+        }
+    view.element_count = count;
+    result = count ? sbi_patch_follow(&view, &body->allocator, patches, &made, error) : SB_OK;
+    for (int k = 0; k < count && result == SB_OK; k++)
+        mesh->patches[used[k]] = patches[k];
+    sbi_free(&body->allocator, memory);
+    return result;
+}
+
 /* ---- the next body ---- */
+
+static int sbi_live_patch_count(const sbi_live_mesh *mesh)
+{
+    int count = 0;
+    for (int e = 0; mesh->patches && e < mesh->cells.end; e++)
+        count = sbi_max_int(count, mesh->patches[e] + 1);
+    return count;
+}
 
 static sb_result sbi_live_no_memory(sb_error *error, int nodes)
 {
@@ -126,6 +171,8 @@ static sb_result sbi_live_copy_make(const sb_body *body, const sbi_live_mesh *me
     *domain = body->domain;
     domain->allocator = *allocator;
     domain->cell_mass = NULL;
+    domain->cell_patch = mesh->patches ? (int *)sbi_alloc(allocator, cells, sizeof(int)) : NULL;
+    domain->patch_count = sbi_live_patch_count(mesh);
     domain->node_count = mesh->nodes.end;
     domain->cell_count = mesh->cells.end;
     domain->cell_capacity = body->live->follows ? mesh->cells.capacity : 0;
@@ -141,8 +188,8 @@ static sb_result sbi_live_copy_make(const sb_body *body, const sbi_live_mesh *me
         next->fibres = (sb_vec3 *)sbi_alloc_zeroed(allocator, cells, sizeof(sb_vec3));
     if (!live || !domain->cells || !domain->gradients || !domain->weights || !next->material_regions ||
         !next->materials || !next->twins || !next->made_young || !next->cell_material ||
-        (mesh->fibres && !next->fibres) || !sbi_body_copy_regions(next, body) ||
-        !sbi_slots_copy(&live->nodes, &mesh->nodes, 0, allocator) ||
+        (mesh->fibres && !next->fibres) || (mesh->patches && !domain->cell_patch) ||
+        !sbi_body_copy_regions(next, body) || !sbi_slots_copy(&live->nodes, &mesh->nodes, 0, allocator) ||
         !sbi_slots_copy(&live->cells, &mesh->cells, 0, allocator))
         return sbi_live_no_memory(error, mesh->nodes.end);
     live->shares = (sb_real *)sbi_alloc_zeroed(allocator, (size_t)live->cells.capacity, sizeof(sb_real));
@@ -168,6 +215,8 @@ static sb_result sbi_live_copy_make(const sb_body *body, const sbi_live_mesh *me
         live->piece_count += mesh->pieces[e].is != 0;
     }
     memcpy(domain->cells, mesh->corners, cells * n * sizeof(int));
+    if (mesh->patches)
+        memcpy(domain->cell_patch, mesh->patches, cells * sizeof(int));
     if (mesh->fibres)
         memcpy(next->fibres, mesh->fibres, cells * sizeof(sb_vec3));
     if (body->live->glue.capacity || mesh->glue_count) {
@@ -233,6 +282,8 @@ static sb_result sbi_live_make_rest(const sb_body *body, const sbi_live_mesh *me
 {
     const sb_domain *domain = &next->domain;
     sb_result result = sbi_live_make_lists(mesh, next, error);
+    if (result == SB_OK)
+        result = sbi_patches_create(domain, &next->allocator, &next->assembly.patches, error);
     if (result == SB_OK)
         result = sbi_body_make_matrix(next, 0, NULL, NULL, &next->matrix, error);
     if (result == SB_OK)

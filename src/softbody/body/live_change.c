@@ -951,6 +951,8 @@ static void sbi_change_apply(const sb_body_change *change, sbi_live_mesh *mesh)
             memset(mesh->pieces + e, 0, sizeof *mesh->pieces);
         mesh->inherit[e] = -1;
         mesh->kept[e] = 0;
+        if (mesh->patches)
+            mesh->patches[e] = -1;
     }
     for (int i = 0; i < change->made_nodes.count; i++)
         if (!change->made_nodes.items[i].dropped)
@@ -969,6 +971,8 @@ static void sbi_change_apply(const sb_body_change *change, sbi_live_mesh *mesh)
             mesh->pieces[cell->cell] = cell->piece;
         mesh->inherit[cell->cell] = cell->parent;
         mesh->kept[cell->cell] = 0;
+        if (mesh->patches)
+            mesh->patches[cell->cell] = cell->parent >= 0 ? body->domain.cell_patch[cell->parent] : -1;
         if (mesh->fibres)
             mesh->fibres[cell->cell] = cell->fibre;
     }
@@ -1072,6 +1076,8 @@ static sb_result sbi_change_make_mesh(const sb_body_change *change, const sb_mes
     result = sbi_change_check_corners(body, mesh, error);
     if (result == SB_OK)
         result = sbi_live_check_removed(body, &mesh->nodes, out, error);
+    if (result == SB_OK)
+        result = sbi_live_settle_patches(body, mesh, error);
     return result;
 }
 

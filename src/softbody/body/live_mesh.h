@@ -59,9 +59,9 @@
  * SB_PRECOND_MULTIGRID (the choice of SB_PRECOND_AUTO from some 10,000 nodes on), FSAI and CHOLESKY are made anew with
  * the change, which allocates and takes time by the mesh (of 86,000 cells 35 ms); where there is no memory for them the
  * change holds, and steps say SB_ERROR_MEMORY until there is. Everything is made anew instead, at the cost of creation
- * (19 ms for 13,000 cells), where arrays have to grow, elements are not tet4, there are constraints or mappings that
- * couple beyond cells, or a load is on what changes. The bits are the same either way. Consistent masses cost a pass
- * over all cells, Prony terms one over their memory.
+ * (19 ms for 13,000 cells), where arrays have to grow, elements are not tet4 or have patches, there are constraints or
+ * mappings that couple beyond cells, or a load is on what changes. The bits are the same either way. Consistent masses
+ * cost a pass over all cells, Prony terms one over their memory.
  *
  * Pointers to arrays by node (sb_body_positions ...) stay valid while def.slack lasts; a change beyond it allocates
  * half as much again, and they have to be asked for anew. */

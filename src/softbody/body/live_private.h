@@ -98,10 +98,14 @@ typedef struct sbi_live_mesh {
     int *inherit;        /* [cells.end] cell of the body that it inherits from, or -1: none */
     unsigned char *kept; /* [cells.end] 1: it is that cell */
     sb_vec3 *fibres;     /* [cells.end] unit directions or 0; NULL: the body has none */
+    int *patches;        /* [cells.end] as domain.cell_patch, -1 in free slots; NULL: the body has none */
     int glue_count;
     sbi_glue_tie *glue; /* [glue_count] cells and Gram matrices are read */
     void *memory;
 } sbi_live_mesh;
+
+/* Patches of a changed mesh, where there are any: cells that were made are in those of their parents by now. */
+SBI_API sb_result sbi_live_settle_patches(const sb_body *body, sbi_live_mesh *mesh, sb_error *error);
 
 /* The error of a node that a change leaves without a cell; made: by this change. */
 SBI_API sb_result sbi_live_refuse_lonely(int node, int made, sb_error *error);

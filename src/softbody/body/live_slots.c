@@ -127,9 +127,6 @@ SBI_API sb_result sbi_live_create(sb_body *body, const sb_body_def *def, sb_erro
         return sbi_fail(error, SB_ERROR_UNSUPPORTED,
                         "def.slack does not go with def.domain: where points of new cells "
                         "would be is unknown");
-    if (body->domain.cell_patch)
-        return sbi_fail(error, SB_ERROR_UNSUPPORTED,
-                        "def.slack does not go with SB_INTEGRATION_PATCH: patches keep their elements");
     if (def->level_count > 0)
         return sbi_fail(error, SB_ERROR_UNSUPPORTED,
                         "def.slack does not go with def.levels: they fit the mesh of creation only");
@@ -150,8 +147,8 @@ SBI_API sb_result sbi_live_create(sb_body *body, const sb_body_def *def, sb_erro
                      : SB_QUADRATURE_STIFFNESS_CURVED;
     body->node_capacity = node_capacity;
     live->slack = (double)def->slack;
-    live->follows =
-        body->domain.element_type == SB_TET4 && body->domain.points_per_cell == 1 && !body->domain.cell_mass;
+    live->follows = body->domain.element_type == SB_TET4 && body->domain.points_per_cell == 1 &&
+                    !body->domain.cell_mass && !body->domain.cell_patch;
     result = sbi_live_take_marks(body, error);
     return result == SB_OK ? sbi_live_take_cells(body, error) : result;
 }

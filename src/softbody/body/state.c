@@ -1612,6 +1612,7 @@ static sbi_live_mesh sbi_state_live_view(const sb_body *body)
     mesh.corners = body->domain.cells;
     mesh.material = body->cell_material;
     mesh.shares = body->live->shares;
+    mesh.patches = body->domain.cell_patch;
     mesh.has_pieces = body->live->piece_count > 0;
     mesh.pieces = mesh.has_pieces ? body->live->pieces : NULL;
     mesh.glue_count = mesh.has_pieces ? body->live->glue.count : 0;
@@ -1712,11 +1713,9 @@ static int sbi_state_pass_mesh(sbi_state_walk *walk, const sbi_live_mesh *mesh, 
     return 1;
 }
 
-/* Places and cells. */
-static void sbi_state_mesh(sbi_state_walk *walk, sbi_live_mesh *mesh, int n, int materials)
+/* Places and cells one by one. */
+static void sbi_state_walk_mesh(sbi_state_walk *walk, sbi_live_mesh *mesh, int n, int materials)
 {
-    if (sbi_state_pass_mesh(walk, mesh, n))
-        return;
     for (int i = 0; i < mesh->nodes.end && walk->result == SB_OK; i++)
         sbi_state_put_vector(walk, mesh->positions + i, SBI_STATE_FINITE, "rest position");
     for (int e = 0; e < mesh->cells.end && walk->result == SB_OK; e++) {
@@ -1726,6 +1725,15 @@ static void sbi_state_mesh(sbi_state_walk *walk, sbi_live_mesh *mesh, int n, int
             sbi_state_put_int(walk, mesh->corners + (size_t)e * (size_t)n + a, 0, mesh->nodes.end - 1,
                               "node of a cell");
     }
+}
+
+/* Places and cells, and their patches. */
+static void sbi_state_mesh(sbi_state_walk *walk, sbi_live_mesh *mesh, int n, int materials)
+{
+    if (!sbi_state_pass_mesh(walk, mesh, n))
+        sbi_state_walk_mesh(walk, mesh, n, materials);
+    for (int e = 0; mesh->patches && e < mesh->cells.end && walk->result == SB_OK; e++)
+        sbi_state_put_int(walk, mesh->patches + e, -1, mesh->cells.end - 1, "patch of a cell");
 }
 
 /* 1: the snapshot that is written has the mesh from before. */
@@ -1874,6 +1882,20 @@ static sb_result sbi_state_check_glue(const sbi_live_mesh *mesh, int n, sb_error
     return SB_OK;
 }
 
+/* Whether cells in use, and no others, are in patches, which are numbered by their first cells. */
+static sb_result sbi_state_check_patches(const sbi_live_mesh *mesh, sb_error *error)
+{
+    int next = 0;
+    for (int e = 0; mesh->patches && e < mesh->cells.end; e++) {
+        int patch = mesh->patches[e];
+        if ((patch >= 0) != (mesh->cells.used[e] != 0) || patch > next)
+            return sbi_fail_element(error, SB_ERROR_FORMAT, e, "the saved cell %d is in patch %d, which is damaged", e,
+                                    patch);
+        next += patch == next;
+    }
+    return SB_OK;
+}
+
 /* Reads the mesh of an image. */
 static sb_result sbi_state_read_mesh(const sb_body *body, const sbi_state_walk *from, sbi_live_mesh *mesh,
                                      sb_error *error)
@@ -1898,7 +1920,7 @@ static sb_result sbi_state_read_mesh(const sb_body *body, const sbi_state_walk *
     if (walk.result != SB_OK)
         return walk.result;
     needed = 4 * ((uint64_t)nodes.count + (uint64_t)cells.count) + 3 * sizeof(sb_real) * (uint64_t)nodes.end +
-             (uint64_t)cells.end * (sizeof(sb_real) + 4 + 4 * (uint64_t)n) +
+             (uint64_t)cells.end * (sizeof(sb_real) + 4 + 4 * (uint64_t)n + (body->domain.cell_patch ? 4 : 0)) +
              (uint64_t)glue_count * (2 * 4 + (uint64_t)sbi_glue_gram(n) * sizeof(sb_real));
     if (needed > walk.size - walk.used || nodes.fresh > nodes.end + nodes.count ||
         cells.fresh > cells.end + cells.count || nodes.count > nodes.fresh || cells.count > cells.fresh ||
@@ -1915,6 +1937,8 @@ static sb_result sbi_state_read_mesh(const sb_body *body, const sbi_state_walk *
         walk.result = sbi_state_check_cells(mesh, n, error);
     if (walk.result == SB_OK)
         walk.result = sbi_state_check_glue(mesh, n, error);
+    if (walk.result == SB_OK)
+        walk.result = sbi_state_check_patches(mesh, error);
     return walk.result;
 }
 
@@ -1948,7 +1972,8 @@ static int sbi_state_same_mesh(const sb_body *body, const sbi_live_mesh *mesh)
            memcmp(body->reference, mesh->positions, nodes * sizeof(sb_vec3)) == 0 &&
            memcmp(body->domain.cells, mesh->corners, cells * n * sizeof(int)) == 0 &&
            memcmp(body->cell_material, mesh->material, cells * sizeof(int)) == 0 &&
-           memcmp(body->live->shares, mesh->shares, cells * sizeof(sb_real)) == 0;
+           memcmp(body->live->shares, mesh->shares, cells * sizeof(sb_real)) == 0 &&
+           (!mesh->patches || memcmp(body->domain.cell_patch, mesh->patches, cells * sizeof(int)) == 0);
 }
 
 /* A room that gives bodies something to remember adds its part here: a function and a number of its own. The order is

@@ -293,43 +293,115 @@ static void sbi_patch_number(sbi_patcher *p)
     p->count = count;
 }
 
+/* ---- entry points ---- */
+
+static void sbi_patch_grow_all(sbi_patcher *p)
+{
+    for (int e = 0; e < p->mesh->element_count; e++)
+        p->patch[e] = -1;
+    sbi_patch_link_all(p);
+    for (int seed = sbi_patch_seed(p); seed >= 0; seed = sbi_patch_seed(p))
+        sbi_patch_grow(p, seed);
+    sbi_patch_settle(p);
+    sbi_patch_number(p);
+}
+
+/* Tets of one patch that are connected by faces get a number; `next` has the patches of before, `previous` is a stack.
+ */
+static void sbi_patch_part(sbi_patcher *p)
+{
+    const int *old = p->next;
+    int *stack = p->previous, cells = p->mesh->element_count;
+    memcpy(p->next, p->patch, (size_t)cells * sizeof(int));
+    for (int e = 0; e < cells; e++)
+        p->patch[e] = -1;
+    for (int first = 0; first < cells; first++) {
+        int top = 0;
+        if (p->patch[first] >= 0)
+            continue;
+        p->size[p->count] = 0;
+        stack[top++] = first;
+        p->patch[first] = p->count;
+        while (top > 0) {
+            int e = stack[--top];
+            p->size[p->count]++;
+            for (int f = 0; f < 4; f++) {
+                int other = sbi_patch_beside(p, e, f);
+                if (other < 0 || old[e] < 0 || old[other] != old[e] || p->patch[other] >= 0)
+                    continue;
+                p->patch[other] = p->count;
+                stack[top++] = other;
+            }
+        }
+        p->count++;
+    }
+}
+
+/* What both below need; SB_ERROR_MEMORY. sbi_patcher_free in any case. */
+static sb_result sbi_patcher_begin(sbi_patcher *p, sb_index_table *neighbours, const sb_mesh *mesh,
+                                   const sb_allocator *allocator, sb_error *error)
+{
+    size_t cells = (size_t)mesh->element_count;
+    sb_result result;
+    memset(p, 0, sizeof *p);
+    memset(neighbours, 0, sizeof *neighbours);
+    result = sb_mesh_neighbours(mesh, allocator, neighbours, error);
+    if (result != SB_OK)
+        return result;
+    p->mesh = mesh;
+    p->neighbours = neighbours->items;
+    p->size = (int *)sbi_alloc(allocator, cells, sizeof(int));
+    p->next = (int *)sbi_alloc(allocator, cells + 5, sizeof(int));
+    p->previous = (int *)sbi_alloc(allocator, cells + 5, sizeof(int));
+    p->open = (unsigned char *)sbi_alloc(allocator, cells, 1);
+    if (p->size && p->next && p->previous && p->open)
+        return SB_OK;
+    return sbi_fail(error, SB_ERROR_MEMORY, "no memory for the patches of %d elements", mesh->element_count);
+}
+
+static void sbi_patcher_end(sbi_patcher *p, sb_index_table *neighbours, const sb_allocator *allocator)
+{
+    sbi_free(allocator, p->size);
+    sbi_free(allocator, p->next);
+    sbi_free(allocator, p->previous);
+    sbi_free(allocator, p->open);
+    sb_index_table_free(neighbours);
+}
+
 SBI_API sb_result sbi_patch_make(const sb_mesh *mesh, const sb_allocator *allocator, int **patches, int *count,
                                  sb_error *error)
 {
-    size_t cells = (size_t)mesh->element_count;
     sb_index_table neighbours;
     sbi_patcher p;
-    sb_result result = sb_mesh_neighbours(mesh, allocator, &neighbours, error);
-    if (result != SB_OK)
-        return result;
-    memset(&p, 0, sizeof p);
-    p.mesh = mesh;
-    p.neighbours = neighbours.items;
-    p.patch = (int *)sbi_alloc(allocator, cells, sizeof(int));
-    p.size = (int *)sbi_alloc(allocator, cells, sizeof(int));
-    p.next = (int *)sbi_alloc(allocator, cells + 5, sizeof(int));
-    p.previous = (int *)sbi_alloc(allocator, cells + 5, sizeof(int));
-    p.open = (unsigned char *)sbi_alloc(allocator, cells, 1);
-    if (!p.patch || !p.size || !p.next || !p.previous || !p.open) {
-        sbi_free(allocator, p.patch);
-        result = sbi_fail(error, SB_ERROR_MEMORY, "no memory for the patches of %d elements", mesh->element_count);
-    } else if (!sbi_patch_take_cells(&p, 6) && !sbi_patch_take_cells(&p, 5)) {
-        for (size_t e = 0; e < cells; e++)
-            p.patch[e] = -1;
-        sbi_patch_link_all(&p);
-        for (int seed = sbi_patch_seed(&p); seed >= 0; seed = sbi_patch_seed(&p))
-            sbi_patch_grow(&p, seed);
-        sbi_patch_settle(&p);
-        sbi_patch_number(&p);
-    }
-    sbi_free(allocator, p.size);
-    sbi_free(allocator, p.next);
-    sbi_free(allocator, p.previous);
-    sbi_free(allocator, p.open);
-    sb_index_table_free(&neighbours);
+    sb_result result = sbi_patcher_begin(&p, &neighbours, mesh, allocator, error);
     if (result == SB_OK) {
+        p.patch = (int *)sbi_alloc(allocator, (size_t)mesh->element_count, sizeof(int));
+        if (!p.patch)
+            result = sbi_fail(error, SB_ERROR_MEMORY, "no memory for the patches of %d elements", mesh->element_count);
+    }
+    if (result == SB_OK) {
+        if (!sbi_patch_take_cells(&p, 6) && !sbi_patch_take_cells(&p, 5))
+            sbi_patch_grow_all(&p);
         *patches = p.patch;
         *count = p.count;
     }
+    sbi_patcher_end(&p, &neighbours, allocator);
+    return result;
+}
+
+SBI_API sb_result sbi_patch_follow(const sb_mesh *mesh, const sb_allocator *allocator, int *patches, int *count,
+                                   sb_error *error)
+{
+    sb_index_table neighbours;
+    sbi_patcher p;
+    sb_result result = sbi_patcher_begin(&p, &neighbours, mesh, allocator, error);
+    if (result == SB_OK) {
+        p.patch = patches;
+        sbi_patch_part(&p);
+        sbi_patch_settle(&p);
+        sbi_patch_number(&p);
+        *count = p.count;
+    }
+    sbi_patcher_end(&p, &neighbours, allocator);
     return result;
 }

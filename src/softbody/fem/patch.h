@@ -19,6 +19,11 @@ enum { SBI_PATCH_CELLS = 8, SBI_PATCH_LEAST = 5, SBI_PATCH_MOST = 10 };
  * mesh that is right. */
 SBI_API sb_result sbi_patch_make(const sb_mesh *mesh, const sb_allocator *allocator, int **patches, int *count,
                                  sb_error *error);
+/* The same where patches have lost and gained tets: patches [element_count] says which each has been in, -1: none. What
+ * has come apart is a patch each; those with less than 5 tets find room beside them, or take some, as above. Others
+ * stay. */
+SBI_API sb_result sbi_patch_follow(const sb_mesh *mesh, const sb_allocator *allocator, int *patches, int *count,
+                                   sb_error *error);
 #endif
 
 #endif /* SB_PATCH_H */
