@@ -7,6 +7,8 @@
  *     liver_tet10_3k   the liver of the shared data (else a generated organ), about 3,000 tet10, a tool pushing at
  *                      1 cm/s
  *     demo_liver_10k   the demo's scene: the liver with 9,777 tet4 (else a generated organ), dt 1/60 s, residual 1e-2
+ *     liver_10k_4999   the same with nu 0.4999, of tet4 that lock
+ *     liver_10k_patch  and of tet4 with patches, which do not
  *
  * One line per workload and tolerance:
  *     name tol n_dof median_ms min_ms p99_ms iterations bytes checksum | force tangent precond solve (ms)
@@ -29,6 +31,7 @@ typedef struct workload {
     sb_mesh mesh;
     sb_real dt;
     sb_real young, poisson, density;
+    sb_integration integration;
 } workload;
 
 static sb_body *make_body(const workload *w, double tolerance)
@@ -40,6 +43,7 @@ static sb_body *make_body(const workload *w, double tolerance)
     bytes_given = 0;
     def.mesh = &w->mesh;
     def.material = sb_material_corotated(w->young, w->poisson, w->density);
+    def.integration = w->integration;
     def.gravity = sb_v3(0, 0, (sb_real)-9.81);
     def.damping_stiffness = (sb_real)0.02;
     def.tolerance = (sb_real)tolerance;
@@ -146,7 +150,8 @@ static void run_beam(const char *name, sb_element_type type, int nx, int ny, int
 }
 
 /* The organ of the shared data, or a generated one of about the same size. */
-static void run_organ(const char *name, const char *file, sb_element_type type, int cells, double dt)
+static void run_organ(const char *name, const char *file, sb_element_type type, int cells, double dt, double poisson,
+                      sb_integration integration)
 {
     workload w;
     const char *shared = getenv("SHARED");
@@ -159,8 +164,9 @@ static void run_organ(const char *name, const char *file, sb_element_type type, 
     w.name = name;
     w.dt = (sb_real)dt;
     w.young = 5000;
-    w.poisson = (sb_real)0.45;
+    w.poisson = (sb_real)poisson;
     w.density = 1060;
+    w.integration = integration;
     for (int i = 0; i < w.mesh.node_count; i++)
         if (w.mesh.nodes[i].z < w.mesh.nodes[w.tool].z)
             w.tool = i;
@@ -175,7 +181,9 @@ int main(void)
     run_beam("beam_tet4_100k", SB_TET4, 57, 17, 17, 0.45);
     run_beam("beam_tet10_9k", SB_TET10, 24, 8, 8, 0.45);
     run_beam("beam_tet10_9k_49", SB_TET10, 24, 8, 8, 0.49);
-    run_organ("liver_tet10_3k", "liver_a_tet10_3k.vtk", SB_TET10, 9, 0.01);
-    run_organ("demo_liver_10k", "liver_a_tet4_10k.vtk", SB_TET4, 15, 1.0 / 60);
+    run_organ("liver_tet10_3k", "liver_a_tet10_3k.vtk", SB_TET10, 9, 0.01, 0.45, SB_INTEGRATION_AUTO);
+    run_organ("demo_liver_10k", "liver_a_tet4_10k.vtk", SB_TET4, 15, 1.0 / 60, 0.45, SB_INTEGRATION_AUTO);
+    run_organ("liver_10k_4999", "liver_a_tet4_10k.vtk", SB_TET4, 15, 1.0 / 60, 0.4999, SB_INTEGRATION_AUTO);
+    run_organ("liver_10k_patch", "liver_a_tet4_10k.vtk", SB_TET4, 15, 1.0 / 60, 0.4999, SB_INTEGRATION_PATCH);
     return 0;
 }

@@ -853,19 +853,19 @@ SBI_API int sbi_assembly_weighted_tangent(sbi_assembly *assembly, const sb_vec3 
     job.factor = factor;
     job.factors = factors;
     job.matrix = matrix;
-    if (assembly->patches)
-        outer = sbi_patches_update(assembly, u, 1);
     if (assembly->batched && kind == SB_TANGENT_QUASI) {
         sbi_batch_tangent(assembly, factors, factors ? 1 : factor, matrix);
         bad = -1;
     } else {
         memset(matrix->blocks, 0, (size_t)matrix->block_count * sizeof matrix->blocks[0]);
         sbi_assembly_settle_maps(assembly, matrix);
+        if (assembly->patches)
+            outer = sbi_patches_update(assembly, u, 1);
         bad = sbi_assembly_run(&job);
+        if (assembly->patches)
+            sbi_patches_add_tangent(assembly, kind, factors, factor, matrix);
         sbi_matrix_set_free_rows(matrix);
     }
-    if (assembly->patches)
-        sbi_patches_add_tangent(assembly, kind, factors, factor, matrix);
     if (assembly->rows)
         sbi_rows_add_tangent(assembly->rows, factor, matrix);
     if (assembly->glue)

@@ -1,6 +1,7 @@
 /* assembly_batch: corotated tet4 and tet10, SB_POLAR_LANES cells at a time. */
 #include "assembly_batch.h"
 #include "assembly_live.h"
+#include "assembly_patch.h"
 #include "../base/lanes.h"
 
 #include <string.h>
@@ -1218,9 +1219,12 @@ SBI_FORCE_INLINE void sbi_batch_upper_rows(const sbi_batch_job *job, int index, 
     kind.bits = sbi_batch_node_bits(n);
     kind.mixed = mixed;
     kind.live = live;
-    for (int row = begin; row < end; row++)
+    for (int row = begin; row < end; row++) {
         for (int k = matrix->diagonal[row] + 1; k < matrix->row_end[row]; k++)
             sbi_batch_block(job, k, kind);
+        if (n == 4 && job->assembly->patches)
+            sbi_patches_add_upper(job->assembly, job->factors, job->factor, row, matrix);
+    }
 }
 
 static void sbi_batch_upper_clouds(const sbi_batch_job *job, int index)
@@ -1352,6 +1356,8 @@ SBI_API void sbi_batch_tangent(sbi_assembly *assembly, const sb_real *factors, s
     job.matrix = matrix;
     job.factor = factor;
     job.factors = factors;
+    if (assembly->patches)
+        (void)sbi_patches_update(assembly, NULL, 1);
     sbi_run(assembly->jobs, sbi_batch_rotate_chunk, &job, assembly->chunk_count);
     sbi_run(assembly->jobs, sbi_batch_upper, &job, tasks);
     sbi_run(assembly->jobs, sbi_batch_lower, &job, tasks);

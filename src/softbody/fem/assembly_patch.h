@@ -66,6 +66,9 @@ SBI_API int sbi_patches_energy(sbi_assembly *assembly, const sb_vec3 *u, sb_real
 /* matrix += that term at the last update, times factor, or those of the cells' materials (NULL: none). */
 SBI_API void sbi_patches_add_tangent(sbi_assembly *assembly, sb_tangent_kind kind, const sb_real *factors,
                                      sb_real factor, sb_matrix *matrix);
+/* The same of what a row has above the diagonal, for the batched loops. */
+SBI_API void sbi_patches_add_upper(sbi_assembly *assembly, const sb_real *factors, sb_real factor, int row,
+                                   sb_matrix *matrix);
 /* The exact tangent of what sbi_patch_tangent_share gives of a cell's share of shear, at F, becomes that of the whole
  * but for the term above, as of the last update, of the kind that is wanted; 0: not admissible. */
 SBI_API int sbi_patches_finish_tangent(const sbi_assembly *assembly, int cell, const sb_mat3 *f, sb_quat rotation,
