@@ -714,15 +714,6 @@ static void sbi_assembly_chunk(void *user, int index)
 
 /* ---- entry points ---- */
 
-SBI_API sb_material sbi_assembly_share(const sb_domain *domain, const sb_material *material, int of_volume)
-{
-    if (domain->cell_patch)
-        return of_volume ? *material : sbi_patch_shear(material);
-    return sbi_material_share_of(material, !domain->mean_points ? SBI_SHARE_WHOLE
-                                           : of_volume          ? SBI_SHARE_VOLUME
-                                                                : SBI_SHARE_SHEAR);
-}
-
 /* Shares of the materials as they are, and of what relaxes of them, which in patches is all the points'. */
 static void sbi_assembly_derive(sbi_assembly *assembly)
 {

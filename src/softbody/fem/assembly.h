@@ -146,9 +146,6 @@ SBI_API void sbi_assembly_prepare(sbi_assembly *assembly, const sb_matrix *matri
  * from now on by batched bodies, which sbi_assembly_has_pairs tells. */
 SBI_API void sbi_assembly_remap(sbi_assembly *assembly, const sb_matrix *matrix, int *pair_start);
 SBI_API int sbi_assembly_has_pairs(const sbi_assembly *assembly);
-/* What a cell's points evaluate of a material, or its mean points: see sbi_material_share. Patches of cells have that
- * of changes of volume in assembly_patch's way, and find the whole material in its place. */
-SBI_API sb_material sbi_assembly_share(const sb_domain *domain, const sb_material *material, int of_volume);
 /* Says what each cell is made of; both arrays are borrowed. Call again when a material changes. Materials with fibres
  * need assembly->fibres, those with Prony terms room for their memory. */
 SBI_API void sbi_assembly_set_materials(sbi_assembly *assembly, const sb_material *materials, int material_count,

@@ -197,12 +197,6 @@ SBI_API void sbi_batch_set_cell(sbi_assembly *assembly, int e)
     assembly->ratios[e] = sbi_batch_ratio(assembly, assembly->materials + assembly->cell_material[e]);
 }
 
-SBI_API sb_quat sbi_batch_get_quat(const sbi_assembly *assembly, int e)
-{
-    const sb_real *at = assembly->batch_quats + (size_t)(e / SB_POLAR_LANES) * 4 * SB_POLAR_LANES + e % SB_POLAR_LANES;
-    return sb_quat_make(at[0], at[SB_POLAR_LANES], at[2 * SB_POLAR_LANES], at[3 * SB_POLAR_LANES]);
-}
-
 SBI_API void sbi_batch_set_quat(sbi_assembly *assembly, int e, sb_quat quat)
 {
     size_t at = (size_t)(e / SB_POLAR_LANES) * 4 * SB_POLAR_LANES + (size_t)(e % SB_POLAR_LANES);

@@ -34,7 +34,11 @@ SBI_API void sbi_batch_set_materials(sbi_assembly *assembly);
 /* Gradients and moduli of one cell, or zeros of a free slot. */
 SBI_API void sbi_batch_set_cell(sbi_assembly *assembly, int e);
 /* The rotation of a tet4; setting it sets the saved one, too. */
-SBI_API sb_quat sbi_batch_get_quat(const sbi_assembly *assembly, int e);
+SB_INLINE sb_quat sbi_batch_get_quat(const sbi_assembly *assembly, int e)
+{
+    const sb_real *at = assembly->batch_quats + (size_t)(e / SB_POLAR_LANES) * 4 * SB_POLAR_LANES + e % SB_POLAR_LANES;
+    return sb_quat_make(at[0], at[SB_POLAR_LANES], at[2 * SB_POLAR_LANES], at[3 * SB_POLAR_LANES]);
+}
 SBI_API void sbi_batch_set_quat(sbi_assembly *assembly, int e, sb_quat quat);
 /* Rotations become the identity; only where the batched loops keep their own. */
 SBI_API void sbi_batch_reset_rotations(sbi_assembly *assembly);

@@ -293,6 +293,15 @@ SBI_API sb_material sbi_patch_shear(const sb_material *material)
     return m;
 }
 
+SBI_API sb_material sbi_assembly_share(const sb_domain *domain, const sb_material *material, int of_volume)
+{
+    if (domain->cell_patch)
+        return of_volume ? *material : sbi_patch_shear(material);
+    return sbi_material_share_of(material, !domain->mean_points ? SBI_SHARE_WHOLE
+                                           : of_volume          ? SBI_SHARE_VOLUME
+                                                                : SBI_SHARE_SHEAR);
+}
+
 SBI_API sb_real sbi_patch_kept_lambda(const sb_material *whole, const sb_material *relaxed)
 {
     return sbi_patch_is_by_volume(whole) ? 2 * (whole->mu - relaxed->mu) / 3 : 0;

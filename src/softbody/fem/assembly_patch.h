@@ -38,6 +38,9 @@ SBI_API sb_material sbi_patch_shear(const sb_material *material);
 /* The lambda that points of a relaxed material have for the bulk modulus to stay. */
 SBI_API sb_real sbi_patch_kept_lambda(const sb_material *whole, const sb_material *relaxed);
 SBI_API sb_material sbi_patch_tangent_share(const sb_material *shear);
+/* What a cell's points evaluate of a material, or its mean points: see sbi_material_share. Patches of cells have that
+ * of changes of volume in this room's way, and find the whole material in its place. */
+SBI_API sb_material sbi_assembly_share(const sb_domain *domain, const sb_material *material, int of_volume);
 /* What points of the whole material have less than that share at F, as patches have it. */
 SBI_API void sbi_patch_take_energy(const sb_material *whole, const sb_mat3 *f, sb_real *energy);
 SBI_API void sbi_patch_take_stress(const sb_material *whole, const sb_mat3 *f, sb_mat3 *stress);
