@@ -87,13 +87,16 @@ typedef SB_REAL sb_real;
 #define SBI_API static SBI_UNUSED
 #endif
 
-/* SB_INLINE: small public functions defined in the header itself. */
+/* SB_INLINE: small public functions defined in the header itself. SBI_NOINLINE: what set-up calls at hundreds of
+ * places, where copies only take time to compile. */
 #if defined(__GNUC__)
 #define SB_INLINE static inline SBI_UNUSED
 #define SBI_FORCE_INLINE static inline __attribute__((always_inline, unused))
+#define SBI_NOINLINE __attribute__((noinline))
 #else
 #define SB_INLINE static inline
 #define SBI_FORCE_INLINE static inline
+#define SBI_NOINLINE
 #endif
 
 /* Asks for the cache line `bytes` past a pointer, which need not be one of the array's. Processors predict one stream;
@@ -218,14 +221,14 @@ typedef struct sbi_arena {
 
 #if defined(SB_IMPLEMENTATION) || defined(SB_SPLIT_BUILD)
 /* *total += count * size; 0 when the sum does not fit size_t (then *total is unchanged), else 1. */
-SBI_API int sbi_size_add(size_t *total, size_t count, size_t size);
+SBI_API SBI_NOINLINE int sbi_size_add(size_t *total, size_t count, size_t size);
 /* Memory for count items of `size` bytes, or NULL (also when count * size overflows). Never asks for 0 bytes. */
-SBI_API void *sbi_alloc(const sb_allocator *allocator, size_t count, size_t size);
-SBI_API void *sbi_alloc_zeroed(const sb_allocator *allocator, size_t count, size_t size);
-SBI_API void sbi_free(const sb_allocator *allocator, void *pointer);
-SBI_API void *sbi_arena_take(sbi_arena *arena, size_t count, size_t size);
+SBI_API SBI_NOINLINE void *sbi_alloc(const sb_allocator *allocator, size_t count, size_t size);
+SBI_API SBI_NOINLINE void *sbi_alloc_zeroed(const sb_allocator *allocator, size_t count, size_t size);
+SBI_API SBI_NOINLINE void sbi_free(const sb_allocator *allocator, void *pointer);
+SBI_API SBI_NOINLINE void *sbi_arena_take(sbi_arena *arena, size_t count, size_t size);
 /* Runs the task over [0, count) on jobs, inline when jobs is NULL or empty. */
-SBI_API void sbi_run(const sb_jobs *jobs, sb_task task, void *task_user, int count);
+SBI_API SBI_NOINLINE void sbi_run(const sb_jobs *jobs, sb_task task, void *task_user, int count);
 /* Fills error (may be NULL) and returns result. The format is printf's. */
 SBI_API sb_result sbi_fail(sb_error *error, sb_result result, const char *format, ...)
 #if defined(__GNUC__)
@@ -243,7 +246,7 @@ SBI_API sb_result sbi_fail_node(sb_error *error, sb_result result, int node, con
 #endif
     ;
 /* Copies a path into the error, cut at the front when it is too long. */
-SBI_API void sbi_error_set_file(sb_error *error, const char *name);
+SBI_API SBI_NOINLINE void sbi_error_set_file(sb_error *error, const char *name);
 /* A failure of a whole file. */
 SBI_API sb_result sbi_fail_file(sb_error *error, sb_result result, const char *path, const char *why);
 #endif

@@ -9,6 +9,13 @@
 
 #include "core.h"
 
+/* Square roots by the processor's instruction: libm's has errno to set, and a test for that with a call behind it at
+ * each of some 300 places. */
+#if defined(__GNUC__) && defined(__SSE2_MATH__) && !defined(__NO_MATH_ERRNO__) && !defined(SB_NO_VECTORS)
+#include <emmintrin.h>
+#define SBI_SQRT_SSE2
+#endif
+
 typedef struct sb_vec3 {
     sb_real x, y, z;
 } sb_vec3;
@@ -25,12 +32,28 @@ typedef struct sb_quat {
 /* Scalar functions of libm in the precision of sb_real. sqrt is exactly rounded, so it is the same
  * everywhere; other libm functions are not and stay out of stepping code (see sb_log, sb_cbrt ... below). */
 #if SB_REAL_IS_FLOAT
-SB_INLINE sb_real sb_sqrt(sb_real x) { return sqrtf(x); }
 SB_INLINE sb_real sb_abs(sb_real x) { return fabsf(x); }
 #else
-SB_INLINE sb_real sb_sqrt(sb_real x) { return sqrt(x); }
 SB_INLINE sb_real sb_abs(sb_real x) { return fabs(x); }
 #endif
+#if defined(SBI_SQRT_SSE2) && SB_REAL_IS_FLOAT
+SB_INLINE sb_real sb_sqrt(sb_real x)
+{
+    __m128 v = {x, x, x, x};
+    return _mm_cvtss_f32(_mm_sqrt_ss(v));
+}
+#elif defined(SBI_SQRT_SSE2)
+SB_INLINE sb_real sb_sqrt(sb_real x)
+{
+    __m128d v = {x, x};
+    return _mm_cvtsd_f64(_mm_sqrt_sd(v, v));
+}
+#elif SB_REAL_IS_FLOAT
+SB_INLINE sb_real sb_sqrt(sb_real x) { return sqrtf(x); }
+#else
+SB_INLINE sb_real sb_sqrt(sb_real x) { return sqrt(x); }
+#endif
+#undef SBI_SQRT_SSE2
 SB_INLINE sb_real sb_min(sb_real a, sb_real b) { return a < b ? a : b; }
 SB_INLINE sb_real sb_max(sb_real a, sb_real b) { return a > b ? a : b; }
 /* a b for a, b >= 0, at most SB_REAL_MAX and without the exception that an overflow raises. */

@@ -13,8 +13,8 @@ typedef struct sbi_owned {
 
 /* count items of `size` bytes that begin on a cache line and may be read a cache line past their end; NULL when there
  * is no memory or the size does not fit. */
-SBI_API void *sbi_owned_take(sbi_owned *owned, size_t count, size_t size);
-SBI_API int *sbi_owned_take_ints(sbi_owned *owned, size_t count);
+SBI_API SBI_NOINLINE void *sbi_owned_take(sbi_owned *owned, size_t count, size_t size);
+SBI_API SBI_NOINLINE int *sbi_owned_take_ints(sbi_owned *owned, size_t count);
 /* count * width floats, zeroed, so that what is read a cache line before and past them is a number. */
 SBI_API float *sbi_owned_take_floats(sbi_owned *owned, size_t count, size_t width);
 /* The same of floats that are all written before they are read: only those before and past them are zeroed. */

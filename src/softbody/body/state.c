@@ -131,7 +131,7 @@ static void sbi_state_refuse(sbi_state_walk *walk, sb_result result)
 }
 
 /* One number of some bytes: the body's goes in, the one that counts comes back. */
-static uint64_t sbi_state_word(sbi_state_walk *walk, uint64_t value, int bytes)
+static SBI_NOINLINE uint64_t sbi_state_word(sbi_state_walk *walk, uint64_t value, int bytes)
 {
     size_t at = walk->used;
     if (sbi_state_is_image(walk)) {
@@ -152,7 +152,7 @@ static uint64_t sbi_state_word(sbi_state_walk *walk, uint64_t value, int bytes)
 }
 
 /* An integer of the range; an image's that is not in it is refused, and reads as `low`. */
-static int sbi_state_int(sbi_state_walk *walk, int value, int low, int high, const char *name)
+static SBI_NOINLINE int sbi_state_int(sbi_state_walk *walk, int value, int low, int high, const char *name)
 {
     int got = sbi_int_of(sbi_state_word(walk, (uint64_t)(uint32_t)value, 4));
     if (!sbi_state_is_image(walk))

@@ -24,7 +24,7 @@ SBI_API void sbi_state_put(sbi_state_out *out, const void *bytes, size_t size)
 
 /* ---- numbers ---- */
 
-static void sbi_state_put_number(sbi_state_out *out, uint64_t value, int bytes)
+static SBI_NOINLINE void sbi_state_put_number(sbi_state_out *out, uint64_t value, int bytes)
 {
     unsigned char number[8];
     sbi_put_bytes(number, value, bytes);

@@ -18,9 +18,9 @@ typedef struct sbi_state_out {
     int hashes;
     uint64_t hash;
 } sbi_state_out;
-SBI_API void sbi_state_put(sbi_state_out *out, const void *bytes, size_t size);
+SBI_API SBI_NOINLINE void sbi_state_put(sbi_state_out *out, const void *bytes, size_t size);
 /* Numbers, the same on every machine: 4 bytes each, and 8. */
-SBI_API void sbi_part_put_int(sbi_state_out *out, int value);
+SBI_API SBI_NOINLINE void sbi_part_put_int(sbi_state_out *out, int value);
 SBI_API void sbi_part_put_reals(sbi_state_out *out, const sb_real *values, int count);
 
 /* What is left to be read of a part; `bad` once it ended too early or held a real that is not finite. */
@@ -30,9 +30,10 @@ typedef struct sbi_part_in {
     int bad;
 } sbi_part_in;
 SBI_API sbi_part_in sbi_part_read(const unsigned char *bytes, size_t size);
-SBI_API uint64_t sbi_part_get(sbi_part_in *in, int bytes); /* 1 to 8; 0 where it has ended */
-SBI_API int sbi_part_get_int(sbi_part_in *in);
-SBI_API void sbi_part_get_reals(sbi_part_in *in, sb_real *values, int count); /* 0 for what is not finite */
+SBI_API SBI_NOINLINE uint64_t sbi_part_get(sbi_part_in *in, int bytes); /* 1 to 8; 0 where it has ended */
+SBI_API SBI_NOINLINE int sbi_part_get_int(sbi_part_in *in);
+SBI_API SBI_NOINLINE void sbi_part_get_reals(sbi_part_in *in, sb_real *values,
+                                             int count); /* 0 for what is not finite */
 /* A number of items, each of at least so many bytes; 0, and bad, where the rest cannot hold them. */
 SBI_API int sbi_part_get_count(sbi_part_in *in, int bytes);
 

@@ -148,7 +148,7 @@ static int sbi_assembly_run(sbi_assembly_job *job)
 
 /* ---- one cell ---- */
 
-/* What is special about a cell's points, a literal like their number: */
+/* What is special about a cell's points: */
 enum {
     SBI_CELL_SINGLE = -1, /* they share one rotation, of their mean */
     SBI_CELL_PLAIN = 0,
@@ -313,10 +313,11 @@ static int sbi_point_add_extra_tangent(const sbi_assembly *assembly, int e, int 
 
 /* Stresses of all points of a cell; 0 when one has an inadmissible F: its stress is 0 then, and its flag (flags may
  * be NULL). Points of weight 0 have no say, and without flags no stress. */
-SBI_FORCE_INLINE int sbi_cell_stresses(const sbi_assembly *assembly, int e, const sb_vec3 *u, const sb_mat3 *f,
-                                       const int q, const int scheme, sb_quat *rotation, sb_mat3 *stress, int *flags)
+static int sbi_cell_stresses(const sbi_assembly *assembly, int e, const sb_vec3 *u, const sb_mat3 *f, sb_quat *rotation,
+                             sb_mat3 *stress, int *flags)
 {
     const sb_material *shares = sbi_cell_shares(assembly, e);
+    const int q = assembly->domain->points_per_cell, scheme = sbi_cell_scheme(assembly->domain);
     const sb_real *weights = assembly->domain->weights + (size_t)e * (size_t)q;
     int corotated = sbi_cell_is_corotated(shares), admissible = 1;
     int shared = corotated && sbi_cell_rotate(assembly, e, u, f, q, scheme, rotation);
@@ -366,11 +367,11 @@ static void sbi_cell_add_turning_stress(const sbi_assembly *assembly, int e, con
         stress[p] = sb_m3_add(stress[p], sb_m3_scale(1 / volume, s));
 }
 
-SBI_FORCE_INLINE int sbi_chunk_force(const sbi_assembly_job *job, int begin, int end, const int n, const int q,
-                                     const int scheme)
+SBI_FORCE_INLINE int sbi_chunk_force(const sbi_assembly_job *job, int begin, int end, const int n)
 {
     const sbi_assembly *assembly = job->assembly;
     const sb_domain *domain = assembly->domain;
+    const int q = domain->points_per_cell;
     int bad = -1;
     for (int e = begin; e < end; e++) {
         const int *cell = domain->cells + (size_t)e * (size_t)n;
@@ -380,9 +381,9 @@ SBI_FORCE_INLINE int sbi_chunk_force(const sbi_assembly_job *job, int begin, int
         if (sbi_domain_is_free(assembly->domain, e))
             continue;
         sbi_cell_deformations(domain, e, job->u, n, q, f);
-        if (!sbi_cell_stresses(assembly, e, job->u, f, q, scheme, rotation, stress, NULL) && bad < 0)
+        if (!sbi_cell_stresses(assembly, e, job->u, f, rotation, stress, NULL) && bad < 0)
             bad = e;
-        if (scheme == SBI_CELL_SINGLE)
+        if (domain->single_rotation)
             sbi_cell_add_turning_stress(assembly, e, f, rotation[0], stress);
         for (int a = 0; a < n; a++)
             force[a][0] = force[a][1] = force[a][2] = 0;
@@ -406,10 +407,11 @@ SBI_FORCE_INLINE int sbi_chunk_force(const sbi_assembly_job *job, int begin, int
 /* ---- energy ---- */
 
 /* Energy of a cell; 0 when one of its points has an inadmissible F. */
-SBI_FORCE_INLINE int sbi_cell_energy(const sbi_assembly *assembly, int e, const sb_vec3 *u, const sb_mat3 *f,
-                                     const int q, const int scheme, const sb_quat *start, sb_real *sum)
+static int sbi_cell_energy(const sbi_assembly *assembly, int e, const sb_vec3 *u, const sb_mat3 *f, sb_real *sum)
 {
     const sb_material *shares = sbi_cell_shares(assembly, e);
+    const int q = assembly->domain->points_per_cell, scheme = sbi_cell_scheme(assembly->domain);
+    const sb_quat *start = assembly->rotations + (size_t)e * (size_t)q;
     const sb_real *weights = assembly->domain->weights + (size_t)e * (size_t)q;
     const sb_real factor = sbi_assembly_stiffness(assembly, e);
     sb_quat rotation[SBI_CELL_POINTS];
@@ -433,8 +435,7 @@ SBI_FORCE_INLINE int sbi_cell_energy(const sbi_assembly *assembly, int e, const 
     return !sbi_cell_has_extras(shares) || sbi_cell_add_extra_energy(assembly, e, f, sum);
 }
 
-SBI_FORCE_INLINE int sbi_chunk_energy(const sbi_assembly_job *job, int begin, int end, const int n, const int q,
-                                      const int scheme, sb_real *sum)
+SBI_FORCE_INLINE int sbi_chunk_energy(const sbi_assembly_job *job, int begin, int end, const int n, sb_real *sum)
 {
     const sbi_assembly *assembly = job->assembly;
     *sum = 0;
@@ -442,8 +443,8 @@ SBI_FORCE_INLINE int sbi_chunk_energy(const sbi_assembly_job *job, int begin, in
         sb_mat3 f[SBI_CELL_POINTS];
         if (sbi_domain_is_free(assembly->domain, e))
             continue;
-        sbi_cell_deformations(assembly->domain, e, job->u, n, q, f);
-        if (!sbi_cell_energy(assembly, e, job->u, f, q, scheme, assembly->rotations + (size_t)e * (size_t)q, sum))
+        sbi_cell_deformations(assembly->domain, e, job->u, n, assembly->domain->points_per_cell, f);
+        if (!sbi_cell_energy(assembly, e, job->u, f, sum))
             return e;
     }
     return -1;
@@ -451,20 +452,22 @@ SBI_FORCE_INLINE int sbi_chunk_energy(const sbi_assembly_job *job, int begin, in
 
 /* ---- tangent ---- */
 
-/* Tangent blocks of a cell while they are summed: entry (i, k) of block (a, b) is at [(9 a + 3 i + k) n + b]. The
- * node b runs fastest, so that the loops over it become vector instructions; blocks below the diagonal are summed
- * along because that costs less than leaving them out. */
+/* Tangent blocks of a cell while they are summed: entry (i, k) of block (a, b) is at [(9 a + 3 i + k) width + b]. The
+ * node b runs fastest, so that the loops over it become vector instructions, to an even width because gcc's -O2 makes
+ * none of others; blocks below the diagonal are summed along because that costs less than leaving them out. */
 typedef sb_real sbi_cell_blocks[SB_MAX_ELEMENT_NODES * 9 * SB_MAX_ELEMENT_NODES];
+SBI_FORCE_INLINE int sbi_cell_width(const int n) { return n + n % 2; } /* of n nodes */
 
 /* Adds the blocks (a, b >= a) of a cell to the matrix, and their transposes below the diagonal. */
 SBI_FORCE_INLINE void sbi_cell_scatter(sb_matrix *matrix, const int *at, const sb_real *blocks, const int n)
 {
+    const int width = sbi_cell_width(n);
     for (int a = 0; a < n; a++)
         for (int b = a; b < n; b++, at++) {
             sb_real *upper = matrix->blocks[*at], *lower = matrix->blocks[matrix->transpose[*at]];
             for (int i = 0; i < 3; i++)
                 for (int k = 0; k < 3; k++) {
-                    sb_real value = blocks[(9 * a + 3 * i + k) * n + b];
+                    sb_real value = blocks[(9 * a + 3 * i + k) * width + b];
                     upper[3 * i + k] += value;
                     if (a != b)
                         lower[3 * k + i] += value;
@@ -476,19 +479,22 @@ SBI_FORCE_INLINE void sbi_cell_scatter(sb_matrix *matrix, const int *at, const s
 SBI_FORCE_INLINE void sbi_cell_add_rotated(sb_mat3 r, const sb_real *g, sb_real lambda, sb_real mu, const int n,
                                            sb_real *SB_RESTRICT blocks)
 {
+    const int width = sbi_cell_width(n);
     sb_real h[3][SB_MAX_ELEMENT_NODES], dot[SB_MAX_ELEMENT_NODES];
+    for (int i = 0; n < width && i < 3; i++)
+        h[i][n] = 0;
     for (int a = 0; a < n; a++)
         for (int i = 0; i < 3; i++)
             h[i][a] = r.m[i][0] * g[3 * a] + r.m[i][1] * g[3 * a + 1] + r.m[i][2] * g[3 * a + 2];
     for (int a = 0; a < n; a++) {
         sb_real l[3] = {lambda * h[0][a], lambda * h[1][a], lambda * h[2][a]};
         sb_real m[3] = {mu * h[0][a], mu * h[1][a], mu * h[2][a]};
-        for (int b = 0; b < n; b++)
+        for (int b = 0; b < width; b++)
             dot[b] = m[0] * h[0][b] + m[1] * h[1][b] + m[2] * h[2][b];
         for (int i = 0; i < 3; i++)
             for (int k = 0; k < 3; k++) {
-                sb_real *SB_RESTRICT out = blocks + (9 * a + 3 * i + k) * n;
-                for (int b = 0; b < n; b++)
+                sb_real *SB_RESTRICT out = blocks + (9 * a + 3 * i + k) * width;
+                for (int b = 0; b < width; b++)
                     out[b] += l[i] * h[k][b] + m[k] * h[i][b] + (i == k ? dot[b] : (sb_real)0);
             }
     }
@@ -498,7 +504,10 @@ SBI_FORCE_INLINE void sbi_cell_add_rotated(sb_mat3 r, const sb_real *g, sb_real 
 SBI_FORCE_INLINE void sbi_cell_add_tangent(const sb_real *tangent, const sb_real *g, sb_real w, const int n,
                                            sb_real *SB_RESTRICT blocks)
 {
+    const int width = sbi_cell_width(n);
     sb_real by_axis[3][SB_MAX_ELEMENT_NODES];
+    for (int l = 0; n < width && l < 3; l++)
+        by_axis[l][n] = 0;
     for (int b = 0; b < n; b++)
         for (int l = 0; l < 3; l++)
             by_axis[l][b] = g[3 * b + l];
@@ -510,8 +519,8 @@ SBI_FORCE_INLINE void sbi_cell_add_tangent(const sb_real *tangent, const sb_real
                                 g[3 * a + 2] * tangent[27 * i + 18 + kl]);
         for (int i = 0; i < 3; i++)
             for (int k = 0; k < 3; k++) {
-                sb_real *SB_RESTRICT out = blocks + (9 * a + 3 * i + k) * n;
-                for (int b = 0; b < n; b++)
+                sb_real *SB_RESTRICT out = blocks + (9 * a + 3 * i + k) * width;
+                for (int b = 0; b < width; b++)
                     out[b] +=
                         t[i][3 * k] * by_axis[0][b] + t[i][3 * k + 1] * by_axis[1][b] + t[i][3 * k + 2] * by_axis[2][b];
             }
@@ -550,12 +559,12 @@ static void sbi_point_mix(const sb_material *material, const sb_mat3 *f, const s
 }
 
 /* Sums the tangent blocks of a cell; 0 when a point has an inadmissible F. */
-SBI_FORCE_INLINE int sbi_cell_tangent(const sbi_assembly_job *job, int e, const int n, const int q, const int scheme,
-                                      sb_real *blocks)
+SBI_FORCE_INLINE int sbi_cell_tangent(const sbi_assembly_job *job, int e, const int n, sb_real *blocks)
 {
     const sbi_assembly *assembly = job->assembly;
     const sb_domain *domain = assembly->domain;
     const sb_material *shares = sbi_cell_shares(assembly, e);
+    const int q = domain->points_per_cell, scheme = sbi_cell_scheme(domain);
     const int rotated = sbi_assembly_is_rotated(shares, job->kind);
     const int extras = sbi_cell_has_extras(shares);
     const sb_quat *rotation = assembly->rotations + (size_t)e * (size_t)q;
@@ -563,10 +572,8 @@ SBI_FORCE_INLINE int sbi_cell_tangent(const sbi_assembly_job *job, int e, const 
     const sb_real factor =
         (job->factors ? job->factors[assembly->cell_material[e]] : job->factor) * sbi_assembly_stiffness(assembly, e);
     sb_mat3 f[SBI_CELL_POINTS], before[SBI_CELL_POINTS];
-    if (!rotated)
-        sbi_cell_deformations(domain, e, job->u, n, q, f);
-    if (mixed)
-        sbi_cell_deformations(domain, e, assembly->came_from, n, q, before);
+    for (int k = 0; k < (rotated ? 0 : 1 + mixed); k++)
+        sbi_cell_deformations(domain, e, k ? assembly->came_from : job->u, n, q, k ? before : f);
     for (int p = 0; p < q; p++) {
         size_t point = (size_t)e * (size_t)q + (size_t)p;
         const sb_material *material = shares + (p >= sbi_cell_ordinary(q, scheme));
@@ -599,8 +606,7 @@ SBI_FORCE_INLINE int sbi_cell_tangent(const sbi_assembly_job *job, int e, const 
     return 1;
 }
 
-SBI_FORCE_INLINE int sbi_chunk_tangent(const sbi_assembly_job *job, int begin, int end, const int n, const int q,
-                                       const int scheme)
+SBI_FORCE_INLINE int sbi_chunk_tangent(const sbi_assembly_job *job, int begin, int end, const int n)
 {
     const int pair_count = n * (n + 1) / 2;
     int bad = -1;
@@ -609,8 +615,8 @@ SBI_FORCE_INLINE int sbi_chunk_tangent(const sbi_assembly_job *job, int begin, i
         sbi_cell_blocks blocks;
         if (sbi_domain_is_free(job->assembly->domain, e))
             continue;
-        memset(blocks, 0, (size_t)(9 * n * n) * sizeof blocks[0]);
-        if (!sbi_cell_tangent(job, e, n, q, scheme, blocks) && bad < 0)
+        memset(blocks, 0, (size_t)(9 * n * sbi_cell_width(n)) * sizeof blocks[0]);
+        if (!sbi_cell_tangent(job, e, n, blocks) && bad < 0)
             bad = e;
         sbi_cell_scatter(job->matrix, at, blocks, n);
     }
@@ -619,42 +625,16 @@ SBI_FORCE_INLINE int sbi_chunk_tangent(const sbi_assembly_job *job, int begin, i
 
 /* ---- instances per element type ---- */
 
+/* Numbers of nodes are literals, which the loops over them gain from. What is done at a point costs too much for its
+ * number to. */
 #define SBI_EACH_ELEMENT(CALL)                                                                                         \
     switch (sbi_element_type_or_pinned(domain->element_type)) {                                                        \
-    case SB_TET4: CALL(4, 1, 0); break;                                                                                \
-    case SB_TET10:                                                                                                     \
-        if (domain->points_per_cell == 5) {                                                                            \
-            CALL(10, 5, SBI_CELL_MEAN);                                                                                \
-        } else if (domain->points_per_cell != 4) {                                                                     \
-            CALL(10, domain->points_per_cell, sbi_cell_scheme(domain));                                                \
-        } else if (domain->single_rotation) {                                                                          \
-            CALL(10, 4, SBI_CELL_SINGLE);                                                                              \
-        } else {                                                                                                       \
-            CALL(10, 4, SBI_CELL_PLAIN);                                                                               \
-        }                                                                                                              \
-        break;                                                                                                         \
-    case SB_HEX8:                                                                                                      \
-        if (domain->mean_points) {                                                                                     \
-            CALL(8, 9, SBI_CELL_MEAN);                                                                                 \
-        } else {                                                                                                       \
-            CALL(8, 8, SBI_CELL_PLAIN);                                                                                \
-        }                                                                                                              \
-        break;                                                                                                         \
-    case SB_HEX20:                                                                                                     \
-        if (domain->mean_points) {                                                                                     \
-            CALL(20, 31, SBI_CELL_MEANS);                                                                              \
-        } else {                                                                                                       \
-            CALL(20, 27, SBI_CELL_PLAIN);                                                                              \
-        }                                                                                                              \
-        break;                                                                                                         \
-    case SB_HEX27:                                                                                                     \
-        if (domain->mean_points) {                                                                                     \
-            CALL(27, 31, SBI_CELL_MEANS);                                                                              \
-        } else {                                                                                                       \
-            CALL(27, 27, SBI_CELL_PLAIN);                                                                              \
-        }                                                                                                              \
-        break;                                                                                                         \
-    default: CALL(domain->nodes_per_cell, domain->points_per_cell, SBI_CELL_PLAIN); break;                             \
+    case SB_TET4: CALL(4); break;                                                                                      \
+    case SB_TET10: CALL(10); break;                                                                                    \
+    case SB_HEX8: CALL(8); break;                                                                                      \
+    case SB_HEX20: CALL(20); break;                                                                                    \
+    case SB_HEX27: CALL(27); break;                                                                                    \
+    default: CALL(domain->nodes_per_cell); break;                                                                      \
     }
 
 static int sbi_chunk_force_any(sbi_assembly_job *job, int begin, int end)
@@ -664,7 +644,7 @@ static int sbi_chunk_force_any(sbi_assembly_job *job, int begin, int end)
         sbi_batch_force(job->assembly, job->u, job->force, begin, end);
         return -1;
     }
-#define SBI_CALL(n, q, scheme) return sbi_chunk_force(job, begin, end, n, q, scheme)
+#define SBI_CALL(n) return sbi_chunk_force(job, begin, end, n)
     SBI_EACH_ELEMENT(SBI_CALL)
 #undef SBI_CALL
     return -1;
@@ -673,7 +653,7 @@ static int sbi_chunk_force_any(sbi_assembly_job *job, int begin, int end)
 static int sbi_chunk_tangent_any(const sbi_assembly_job *job, int begin, int end)
 {
     const sb_domain *domain = job->assembly->domain;
-#define SBI_CALL(n, q, scheme) return sbi_chunk_tangent(job, begin, end, n, q, scheme)
+#define SBI_CALL(n) return sbi_chunk_tangent(job, begin, end, n)
     SBI_EACH_ELEMENT(SBI_CALL)
 #undef SBI_CALL
     return -1;
@@ -686,7 +666,7 @@ static int sbi_chunk_energy_any(const sbi_assembly_job *job, int begin, int end,
         *sum = sbi_batch_energy(job->assembly, job->u, begin, end);
         return -1;
     }
-#define SBI_CALL(n, q, scheme) return sbi_chunk_energy(job, begin, end, n, q, scheme, sum)
+#define SBI_CALL(n) return sbi_chunk_energy(job, begin, end, n, sum)
     SBI_EACH_ELEMENT(SBI_CALL)
 #undef SBI_CALL
     return -1;
@@ -928,7 +908,7 @@ SBI_API void sbi_assembly_points(const sbi_assembly *assembly, const sb_vec3 *u,
     for (int i = 0; i < q; i++)
         rotation[i] = start[i];
     sbi_cell_deformations(domain, cell, u, domain->nodes_per_cell, q, f);
-    sbi_cell_stresses(assembly, cell, u, f, q, sbi_cell_scheme(domain), rotation, p, admissible);
+    sbi_cell_stresses(assembly, cell, u, f, rotation, p, admissible);
     if (assembly->patches)
         admissible[0] &= sbi_patches_cell_stress(assembly, cell, u, p);
 }
@@ -936,12 +916,10 @@ SBI_API void sbi_assembly_points(const sbi_assembly *assembly, const sb_vec3 *u,
 SBI_API int sbi_assembly_cell_energy(const sbi_assembly *assembly, const sb_vec3 *u, int cell, sb_real *energy)
 {
     const sb_domain *domain = assembly->domain;
-    int q = domain->points_per_cell;
     sb_mat3 f[SBI_CELL_POINTS];
     sb_real sum = 0;
-    sbi_cell_deformations(domain, cell, u, domain->nodes_per_cell, q, f);
-    if (!sbi_cell_energy(assembly, cell, u, f, q, sbi_cell_scheme(domain),
-                         assembly->rotations + (size_t)cell * (size_t)q, &sum))
+    sbi_cell_deformations(domain, cell, u, domain->nodes_per_cell, domain->points_per_cell, f);
+    if (!sbi_cell_energy(assembly, cell, u, f, &sum))
         return 0;
     if (assembly->patches && !sbi_patches_cell_energy(assembly, cell, u, &sum))
         return 0;

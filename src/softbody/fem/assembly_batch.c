@@ -452,6 +452,18 @@ SBI_FORCE_INLINE void sbi_batch_straighten_point(const sb_real (*SB_RESTRICT r)[
     }
 }
 
+/* sb_polar_batch, which takes so much longer than a call that one copy serves all loops. */
+SBI_FORCE_INLINE void sbi_batch_polar_lanes(const sbi_assembly *assembly, sb_real (*f)[SB_POLAR_LANES],
+                                            sb_real (*q)[SB_POLAR_LANES], sb_real (*r)[SB_POLAR_LANES])
+{
+    (void)assembly; /* of which only `wide` matters */
+    sbi_polar_batch(f, q, r);
+}
+SBI_WIDEN(sbi_batch_polar, assembly->wide,
+          (const sbi_assembly *assembly, sb_real (*f)[SB_POLAR_LANES], sb_real (*q)[SB_POLAR_LANES],
+           sb_real (*r)[SB_POLAR_LANES]),
+          (assembly, f, q, r))
+
 /* One rotation for the cells of a tet10 batch that are folded over, and F as sbi_batch_straighten leaves it. */
 static void sbi_batch_fold_fallback(const sbi_assembly *assembly, int batch, const sb_vec3 *u,
                                     sb_real (*f)[SB_POLAR_LANES], sb_real (*quats)[SB_POLAR_LANES],
@@ -491,7 +503,7 @@ SBI_FORCE_INLINE void sbi_batch_find_rotations(const sbi_assembly *assembly, int
     const sb_real may_be_twisted = (sb_real)0.51; /* sbi_assembly_fold_fallback decides, at 0.5 */
     for (int p = 0; p < 4; p++) {
         sbi_batch_load_quats(assembly, batch, p, 4, quats + 4 * p);
-        sbi_polar_batch(f + 9 * p, quats + 4 * p, r + 9 * p);
+        sbi_batch_polar(assembly, f + 9 * p, quats + 4 * p, r + 9 * p);
     }
     if (assembly->fold_fallback && sbi_batch_least_cos(SBI_BATCH_ROWS(quats)) < may_be_twisted)
         sbi_batch_fold_fallback(assembly, batch, u, f, quats, r);
@@ -567,7 +579,7 @@ SBI_FORCE_INLINE void sbi_batch_force_single(sbi_assembly *assembly, int batch, 
     sbi_batch_rows quats[4], mean[9], r[9], moment[4], stress[36];
     sbi_batch_mean(assembly, batch, f, mean);
     sbi_batch_load_quats(assembly, batch, 0, 4, quats);
-    sbi_polar_batch(mean, quats, r);
+    sbi_batch_polar(assembly, mean, quats, r);
     memset(moment, 0, sizeof moment);
     memcpy(stress, f, sizeof stress);
     for (int p = 0; p < 4; p++) {
@@ -623,7 +635,8 @@ SBI_FORCE_INLINE void sbi_batch_force_point(sbi_assembly *assembly, const sb_vec
     sbi_batch_rows f[9], r[9];
     sbi_batch_gather(assembly->domain, batch, u, n, d);
     sbi_batch_deformation(SBI_BATCH_ROWS(d), SBI_BATCH_ROWS(g), n, 1, f);
-    sbi_polar_batch(f, (sb_real(*)[SB_POLAR_LANES])(assembly->batch_quats + (size_t)batch * 4 * SB_POLAR_LANES), r);
+    sbi_batch_polar(assembly, f,
+                    (sb_real(*)[SB_POLAR_LANES])(assembly->batch_quats + (size_t)batch * 4 * SB_POLAR_LANES), r);
     sbi_batch_stress(SBI_BATCH_ROWS(r), moduli, moduli + SB_POLAR_LANES, f);
     sbi_batch_apply(SBI_BATCH_ROWS(f), SBI_BATCH_ROWS(g), n, 0, d);
     sbi_batch_scatter(assembly->domain, batch, SBI_BATCH_ROWS(d), n, force);
@@ -812,7 +825,7 @@ SBI_FORCE_INLINE void sbi_batch_force_along_tet4_lanes(int batch, sbi_assembly *
     if (turned)
         sbi_batch_rotations(assembly, batch, 0, 1, r);
     else
-        sbi_polar_batch(f, (sb_real(*)[SB_POLAR_LANES])quats, r);
+        sbi_batch_polar(assembly, f, (sb_real(*)[SB_POLAR_LANES])quats, r);
     if (x) {
         sbi_batch_gather(assembly->domain, batch, x, 4, d);
         sbi_batch_deformation(SBI_BATCH_ROWS(d), SBI_BATCH_ROWS(g), 4, 0, change);
@@ -914,7 +927,7 @@ SBI_FORCE_INLINE void sbi_batch_energy_point(const sbi_assembly *assembly, const
     sbi_batch_gather(assembly->domain, batch, u, n, d);
     sbi_batch_deformation(SBI_BATCH_ROWS(d), SBI_BATCH_ROWS(sbi_batch_gradients_at(assembly, batch, 0, n, 1)), n, 1, f);
     memcpy(quats, assembly->batch_quats + (size_t)batch * 4 * SB_POLAR_LANES, sizeof quats);
-    sbi_polar_batch(f, quats, r);
+    sbi_batch_polar(assembly, f, quats, r);
     sbi_batch_add_energy(assembly, batch, 0, 1, SBI_BATCH_ROWS(r), f, energy);
 }
 

@@ -464,7 +464,7 @@ SBI_API sb_result sbi_export_open(sbi_export *out, const char *path, int binary,
 
 SBI_API sb_result sbi_export_close(sbi_export *out, sb_error *error) { return sb_output_close(&out->output, error); }
 
-static void sbi_export_bytes(sbi_export *out, const void *bytes, size_t size)
+static SBI_NOINLINE void sbi_export_bytes(sbi_export *out, const void *bytes, size_t size)
 {
     if (!out->failed && fwrite(bytes, 1, size, out->output.file) != size)
         out->failed = 1; /* sb_output_close reports it; the rest would fail as well */

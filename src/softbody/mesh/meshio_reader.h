@@ -71,7 +71,7 @@ SBI_API int sbi_reader_peek(const sbi_reader *reader, sbi_word *word);
 /* 1 when the word is `text`, whatever the case of its letters. */
 SBI_API int sbi_word_is(sbi_word word, const char *text);
 /* The word as a string for messages, cut to the buffer, strange characters replaced; returns buffer. */
-SBI_API const char *sbi_word_print(sbi_word word, char buffer[32]);
+SBI_API SBI_NOINLINE const char *sbi_word_print(sbi_word word, char buffer[32]);
 
 /* The next word as a number; `what` names it in errors. */
 SBI_API sb_result sbi_reader_integer(sbi_reader *reader, const char *what, int64_t *value);
