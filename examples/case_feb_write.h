@@ -104,7 +104,7 @@ static inline int feb_can_say(feb_writer *w, const case_statement *s)
     case CASE_PRESCRIBE: return feb_can_say_prescribe(w, s);
     case CASE_EQUATION: return feb_can_say_equation(w, s);
     case CASE_ELEMENT:
-        return (!s->treatment->bbar && !s->treatment->single_rotation) ||
+        return (s->treatment->integration == SB_INTEGRATION_AUTO && !s->treatment->single_rotation) ||
                case_fail(w->c, s->line, "element %s cannot be said: FEBio has none that is the same",
                          s->treatment->name);
     case CASE_SPRING: return case_fail(w->c, s->line, "spring cannot be said: those of FEBio have a length at rest");

@@ -113,7 +113,7 @@ static inline int inp_can_say(inp_writer *w, const case_statement *s)
     case CASE_MATERIAL: return inp_can_say_material(w, s);
     case CASE_SOLVE: return inp_can_say_solve(w, s);
     case CASE_ELEMENT:
-        return (!s->treatment->bbar && !s->treatment->single_rotation) ||
+        return (s->treatment->integration == SB_INTEGRATION_AUTO && !s->treatment->single_rotation) ||
                case_fail(w->c, s->line, "element %s cannot be said: CalculiX has none that is the same",
                          s->treatment->name);
     case CASE_PRESSURE:

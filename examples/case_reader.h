@@ -208,14 +208,16 @@ typedef struct case_treatment {
     const char *name;
     sb_element_type type; /* that the mesh must have */
     int single_rotation;
-    int bbar; /* of tet4: volume over patches */
+    sb_integration integration;
 } case_treatment;
 
 static const case_treatment case_treatments[] = {
-    {"tet4", SB_TET4, 0, 0},       {"tet10", SB_TET10, 0, 0},    {"tet10sr", SB_TET10, 1, 0},
-    {"hex8", SB_HEX8, 0, 0},       {"hex20", SB_HEX20, 0, 0},    {"hex27", SB_HEX27, 0, 0},
-    {"tet10bbar", SB_TET10, 0, 1}, {"hex8bbar", SB_HEX8, 0, 1},  {"hex20bbar", SB_HEX20, 0, 1},
-    {"hex27bbar", SB_HEX27, 0, 1}, {"tet4patch", SB_TET4, 0, 1},
+    {"tet4", SB_TET4, 0, SB_INTEGRATION_AUTO},       {"tet10", SB_TET10, 0, SB_INTEGRATION_AUTO},
+    {"tet10sr", SB_TET10, 1, SB_INTEGRATION_AUTO},   {"hex8", SB_HEX8, 0, SB_INTEGRATION_AUTO},
+    {"hex20", SB_HEX20, 0, SB_INTEGRATION_AUTO},     {"hex27", SB_HEX27, 0, SB_INTEGRATION_AUTO},
+    {"tet10bbar", SB_TET10, 0, SB_INTEGRATION_BBAR}, {"hex8bbar", SB_HEX8, 0, SB_INTEGRATION_BBAR},
+    {"hex20bbar", SB_HEX20, 0, SB_INTEGRATION_BBAR}, {"hex27bbar", SB_HEX27, 0, SB_INTEGRATION_BBAR},
+    {"tet4patch", SB_TET4, 0, SB_INTEGRATION_PATCH},
 };
 enum { CASE_TREATMENT_COUNT = (int)(sizeof case_treatments / sizeof case_treatments[0]) };
 
@@ -2164,9 +2166,10 @@ static inline sb_body_def case_body_def(const case_file *c)
     def.material = c->material;
     def.region_materials = c->region_materials;
     def.region_material_count = c->region_material_count;
-    def.single_rotation = c->element ? c->element->treatment->single_rotation : 0;
-    if (c->element && c->element->treatment->bbar)
-        def.integration = c->element->treatment->type == SB_TET4 ? SB_INTEGRATION_PATCH : SB_INTEGRATION_BBAR;
+    if (c->element) {
+        def.single_rotation = c->element->treatment->single_rotation;
+        def.integration = c->element->treatment->integration;
+    }
     def.mass = case_mass(c);
     if (c->gravity)
         def.gravity =

@@ -100,7 +100,7 @@ static inline int scn_can_say(scn_writer *w, const case_statement *s)
     case CASE_PRESCRIBE: return scn_can_say_prescribe(w, s);
     case CASE_SOLVE: return scn_can_say_solve(w, s);
     case CASE_ELEMENT:
-        return !s->treatment->bbar ||
+        return s->treatment->integration == SB_INTEGRATION_AUTO ||
                case_fail(w->c, s->line, "element %s cannot be said: SOFA has none that is the same",
                          s->treatment->name);
     case CASE_SPRING:

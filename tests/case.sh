@@ -135,6 +135,7 @@ wrong_line 'a second mesh' 'mesh cube.vtk' 'second mesh statement; the first is 
 wrong_line 'a second material' "$material" 'several materials need region='
 wrong_line 'an unknown element' 'element penta6' "unknown element 'penta6'"
 wrong_line 'an element that does not fit' 'element hex20' 'element hex20 does not fit the mesh, which has hex8'
+wrong_line 'patches of other elements' 'element tet4patch' 'element tet4patch does not fit the mesh, which has hex8'
 wrong_line 'an element that does not fit' 'element tet10' 'does not fit the mesh'
 wrong_line 'two gravity components' 'gravity 0 0' 'word is missing; expected: gravity NUMBER NUMBER NUMBER'
 wrong_line 'a gravity of letters' 'gravity 0 0 down' "'down' is no finite number"
@@ -558,6 +559,16 @@ awk 'BEGIN {
 bar='mesh bar.vtk
 material linear E=1e5 nu=0.3 density=10
 fix xyz nodes=bar0'
+
+# Nearly incompressible it hangs down several times as far where the volume is held over patches.
+for element in tet4 tet4patch; do
+    say 'mesh bar.vtk' "element $element" 'material linear E=1e5 nu=0.4999 density=10' 'fix xyz nodes=bar0' \
+        'gravity 0 0 -10' "$static" "output displacement u_$element" >hanging.case
+    good "a bar of $element" hanging.case
+done
+awk 'FNR == 63 { z[NR] = $4 } END { exit !(z[63] < 0 && z[126] < 3 * z[63]) }' out/u_tet4 out/u_tet4patch
+result 'patches do not lock' $?
+rm -f out/u_tet4 out/u_tet4patch
 wrong_cut() { # wrong_cut NAME STATEMENT PATTERN [LINE]
     say "$bar" "$2" 'solve static steps=1 tol=1e-9' >wrong.case
     refused "$1" "${4:-4}" "$3"
