@@ -41,9 +41,9 @@ SBI_FORCE_INLINE sbi_pair sbi_pair_make(sb_real a, sb_real b)
  * `wide` is not 0, which sbi_lanes_are_wide() has said. Programs that are compiled for every x86-64 get vectors of four
  * doubles that way. Without fused products, and no lane looks at another: the same bits. f_lanes and what it calls in
  * its loops are SBI_FORCE_INLINE, lest they stay as narrow as the rest of the file. Not by gcc for Windows, which does
- * not align such vectors on the stack (gcc bug 54412). SBI_WIDEN_IF(f, (parameters),
- * (arguments)): the same where f and f_lanes have a parameter before those, `wide`, which is a constant in f_lanes:
- * for loops that are written twice. */
+ * not align such vectors on the stack (gcc bug 54412).
+ * SBI_WIDEN_IF(f, (parameters), (arguments)): the same where f and f_lanes have a parameter before those, `wide`, which
+ * is a constant in f_lanes: for loops that are written twice. */
 #define SBI_LIST(...) __VA_ARGS__
 #if defined(__GNUC__) && defined(__x86_64__) && !defined(_MSC_VER) && !defined(__AVX2__) && !defined(SB_NO_VECTORS) && \
     !(defined(_WIN32) && !defined(__clang__))
